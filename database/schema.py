@@ -1,0 +1,196 @@
+"""Everything that a database holds, field by field, with units.
+
+A database is one HDF5 file. `FIELDS` is the single description of its datasets: the writer
+writes what stands here, the reader reads it, CONTRIBUTING and README point here. The
+dataclasses below are the same fields in memory, as they go from analysis to the writer and
+come back from the reader.
+
+Sizes: N units (frames with a face), S sequences (clips), P phones, K PCA weights, D values
+of a normalised crop. Besides the datasets, the root carries the attributes of `ATTRIBUTES`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from database.mask import Camera, Mask
+
+SCHEMA_NAME: Final = "unitsel-database"
+SCHEMA_VERSION: Final = 1
+
+F32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Field:
+    """One dataset: where it stands, its type and shape, its unit and meaning."""
+
+    path: str
+    dtype: str
+    shape: tuple[str | int, ...]
+    unit: str
+    meaning: str
+
+
+FIELDS: Final[tuple[Field, ...]] = (
+    Field("pictures/data", "uint8", ("N", "padded"), "bytes",
+          "each unit's mouth crop as an encoded picture, padded with zeros to one length"),
+    Field("pictures/length", "int32", ("N",), "bytes", "true length of each encoded picture"),
+    Field("units/sequence", "int32", ("N",), "index", "sequence of the unit"),
+    Field("units/frame", "int32", ("N",), "frame",
+          "recorded frame number in its sequence (gaps where no face was seen)"),
+    Field("units/phoneme", "uint8", ("N",), "index", "phoneme at the frame's middle (Table 1)"),
+    Field("units/viseme", "uint8", ("N",), "index", "viseme of that phoneme (Table 1)"),
+    Field("units/pca", "float32", ("N", "K"), "1", "PCA weights of the normalised crop"),
+    Field("units/mouth_width", "float32", ("N",), "mm", "width of the outer lip contour"),
+    Field("units/mouth_height", "float32", ("N",), "mm",
+          "greatest distance from top to bottom of the outer lip contour"),
+    Field("units/inner_opening", "float32", ("N",), "mm",
+          "greatest distance from top to bottom of the inner lip contour"),
+    Field("units/teeth", "float32", ("N",), "0..1", "visibility of the teeth"),
+    Field("units/tongue", "float32", ("N",), "0..1", "visibility of the tongue"),
+    Field("units/rotation", "float32", ("N", 3), "rad", "head pose: rotation vector"),
+    Field("units/translation", "float32", ("N", 3), "mm", "head pose: translation"),
+    Field("units/landmarks", "float32", ("N", 468, 2), "pixel",
+          "raw face mesh in the recorded picture, nothing smoothed"),
+    Field("sequences/name", "string", ("S",), "", "clip name (file name without extension)"),
+    Field("sequences/words", "string", ("S",), "", "the words spoken"),
+    Field("sequences/media", "string", ("S",), "", "media file the clip was read from"),
+    Field("sequences/sha256", "string", ("S",), "", "checksum of that file"),
+    Field("sequences/fps", "float32", ("S",), "1/s", "recorded frame rate"),
+    Field("sequences/frames", "int32", ("S",), "frames", "frames of the clip, with or without face"),
+    Field("sequences/first_unit", "int32", ("S",), "index", "first unit of the sequence"),
+    Field("sequences/units", "int32", ("S",), "count", "units of the sequence, one after another"),
+    Field("sequences/lighting", "float32", ("S", 3, "C"), "log gain",
+          "lighting of the clip against the reference: coefficients a channel (analysis/texture.py)"),
+    Field("phones/sequence", "int32", ("P",), "index", "sequence of the phone"),
+    Field("phones/phoneme", "uint8", ("P",), "index", "phoneme (Table 1)"),
+    Field("phones/start", "float64", ("P",), "s", "start, in the clip's time"),
+    Field("phones/end", "float64", ("P",), "s", "end, in the clip's time"),
+    Field("mask/vertices", "float32", (468, 3), "mm", "face mesh of the person, mask frame"),
+    Field("mask/grid", "float32", ("rows", "columns", 3), "mm",
+          "surface around the mouth, mask frame (database/mask.py)"),
+    Field("mask/crop_size", "int32", (2,), "pixel", "width and height of a crop"),
+    Field("camera", "float64", (5,), "pixel", "focal length, cx, cy, width, height"),
+    Field("texture/mean", "float32", ("D",), "level", "mean normalised crop, windowed"),
+    Field("texture/components", "float32", ("K", "D"), "1", "principal components, unit length"),
+    Field("texture/eigenvalues", "float32", ("K",), "level^2", "variance along each component"),
+    Field("texture/window", "float32", ("h", "w"), "1", "weight of each pixel of the reduced crop"),
+    Field("texture/reference", "float32", ("h", "w", 3), "log level",
+          "reference lighting of the reduced crop"),
+    Field("costs/phoneme_distance", "float32", (43, 43), "1",
+          "M, equation 5; rows of phonemes that the corpus lacks are filled in"),
+    Field("costs/target_scale", "float64", (), "1",
+          "median target cost over random pairs of frames; target costs are divided by it"),
+    Field("costs/feature_scales", "float64", (4,), "1",
+          "median distance of random pairs inside a viseme: PCA, lips, teeth, tongue"),
+    Field("costs/visual_scale", "float64", (), "1",
+          "median of f over random pairs inside a viseme; visual costs are divided by it"),
+)
+"""All datasets. Strings are stored as UTF-8 in fixed length, so that they have checksums."""
+
+ATTRIBUTES: Final[dict[str, str]] = {
+    "schema": "always 'unitsel-database'",
+    "schema_version": "version of this description; files of another version are refused",
+    "fps": "frame rate of the database, 1/s; selection runs at it",
+    "codec": "codec of the pictures: png or webp",
+    "settings": "build settings, JSON",
+    "versions": "versions of unitsel and of the libraries that shaped the content, JSON",
+    "report": "what the build skipped or repaired, JSON",
+    "created": "UTC time of the build; not part of the content",
+    "host": "machine of the build; not part of the content",
+    "jobs": "parallel jobs of the build; not part of the content",
+}
+
+UNHASHED_ATTRIBUTES: Final = frozenset({"created", "host", "jobs"})
+"""Attributes that may differ between databases that count as identical."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Parameters of the N units; see `FIELDS` for shapes and units."""
+
+    sequence: npt.NDArray[np.int32]
+    frame: npt.NDArray[np.int32]
+    phoneme: npt.NDArray[np.uint8]
+    viseme: npt.NDArray[np.uint8]
+    pca: F32
+    mouth_width: F32
+    mouth_height: F32
+    inner_opening: F32
+    teeth: F32
+    tongue: F32
+    rotation: F32
+    translation: F32
+
+    def __len__(self) -> int:
+        return len(self.sequence)
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """The S clips; see `FIELDS` for shapes and units."""
+
+    name: tuple[str, ...]
+    words: tuple[str, ...]
+    media: tuple[str, ...]
+    sha256: tuple[str, ...]
+    fps: F32
+    frames: npt.NDArray[np.int32]
+    first_unit: npt.NDArray[np.int32]
+    units: npt.NDArray[np.int32]
+    lighting: F32
+
+    def __len__(self) -> int:
+        return len(self.name)
+
+
+@dataclass(frozen=True)
+class Phones:
+    """The P phones of all sequences, at time resolution; see `FIELDS`."""
+
+    sequence: npt.NDArray[np.int32]
+    phoneme: npt.NDArray[np.uint8]
+    start: npt.NDArray[np.float64]
+    end: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TextureModel:
+    """PCA of the normalised crops and the lighting they are normalised to; see `FIELDS`."""
+
+    mean: F32
+    components: F32
+    eigenvalues: F32
+    window: F32
+    reference: F32
+
+
+@dataclass(frozen=True)
+class CostModel:
+    """What the costs need of the corpus as a whole; see `FIELDS`."""
+
+    phoneme_distance: F32
+    target_scale: float
+    feature_scales: npt.NDArray[np.float64]
+    visual_scale: float
+
+
+@dataclass(frozen=True)
+class DatabaseContent:
+    """All of a database but its pictures and landmarks, which come unit by unit."""
+
+    fps: float
+    units: Units
+    sequences: Sequences
+    phones: Phones
+    mask: Mask
+    camera: Camera
+    texture: TextureModel
+    costs: CostModel
+    settings: dict[str, Any] = field(default_factory=dict)
+    report: dict[str, Any] = field(default_factory=dict)
