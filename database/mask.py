@@ -205,8 +205,8 @@ def crop_map(
     gy = (np.arange(patch.crop_height, dtype=np.float32) + 0.5) / patch.crop_height * (rows - 1)
     x0 = np.minimum(gx.astype(int), columns - 2)
     y0 = np.minimum(gy.astype(int), rows - 2)
-    fx = (gx - x0)[None, :, None]
-    fy = (gy - y0)[:, None, None]
+    fx = (gx - x0)[None, :, None].astype(np.float32)
+    fy = (gy - y0)[:, None, None].astype(np.float32)
     across = corners[:, x0] * (1 - fx) + corners[:, x0 + 1] * fx
     out: npt.NDArray[np.float32] = across[y0] * (1 - fy) + across[y0 + 1] * fy
     return out

@@ -6,7 +6,13 @@ dataclasses below are the same fields in memory, as they go from analysis to the
 come back from the reader.
 
 Sizes: N units (frames with a face), S sequences (clips), P phones, K PCA weights, D values
-of a normalised crop. Besides the datasets, the root carries the attributes of `ATTRIBUTES`.
+of a normalised crop, C lighting coefficients a channel, h x w the reduced crop. Besides the
+datasets, the root carries the attributes of `ATTRIBUTES`.
+
+Every byte that matters has a checksum: each dataset is chunked with fletcher32 (so a single
+number is an array of one), strings have a fixed length (HDF5 keeps the others on a heap without
+checksums), and the attributes are few and short, so that they stay in the root's object header.
+Documents of any length, the three under ``build/``, are datasets for that reason.
 """
 
 from __future__ import annotations
@@ -27,7 +33,19 @@ F32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Field:
-    """One dataset: where it stands, its type and shape, its unit and meaning."""
+    """One dataset: where it stands, its type and shape, its unit and meaning.
+
+    Parameters
+    ----------
+    path : str
+        Place in the file, ``group/name``.
+    dtype : str
+        NumPy's name of the type, or ``string``: UTF-8 in fixed length.
+    shape : tuple of str or int
+        A name stands for a size that is the same wherever the name occurs.
+    unit, meaning : str
+        For the reader of `field_table`.
+    """
 
     path: str
     dtype: str
@@ -42,7 +60,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("pictures/length", "int32", ("N",), "bytes", "true length of each encoded picture"),
     Field("units/sequence", "int32", ("N",), "index", "sequence of the unit"),
     Field("units/frame", "int32", ("N",), "frame",
-          "recorded frame number in its sequence (gaps where no face was seen)"),
+          "recorded frame number in its sequence, at the database's frame rate (gaps where no "
+          "face was seen)"),
     Field("units/phoneme", "uint8", ("N",), "index", "phoneme at the frame's middle (Table 1)"),
     Field("units/viseme", "uint8", ("N",), "index", "viseme of that phoneme (Table 1)"),
     Field("units/pca", "float32", ("N", "K"), "1", "PCA weights of the normalised crop"),
@@ -84,23 +103,24 @@ FIELDS: Final[tuple[Field, ...]] = (
           "reference lighting of the reduced crop"),
     Field("costs/phoneme_distance", "float32", (43, 43), "1",
           "M, equation 5; rows of phonemes that the corpus lacks are filled in"),
-    Field("costs/target_scale", "float64", (), "1",
+    Field("costs/target_scale", "float64", (1,), "1",
           "median target cost over random pairs of frames; target costs are divided by it"),
     Field("costs/feature_scales", "float64", (4,), "1",
           "median distance of random pairs inside a viseme: PCA, lips, teeth, tongue"),
-    Field("costs/visual_scale", "float64", (), "1",
+    Field("costs/visual_scale", "float64", (1,), "1",
           "median of f over random pairs inside a viseme; visual costs are divided by it"),
+    Field("build/settings", "string", (1,), "", "build settings, JSON"),
+    Field("build/versions", "string", (1,), "",
+          "versions of unitsel and of the libraries that shaped the content, JSON"),
+    Field("build/report", "string", (1,), "", "what the build skipped or repaired, JSON"),
 )
-"""All datasets. Strings are stored as UTF-8 in fixed length, so that they have checksums."""
+"""All datasets."""
 
 ATTRIBUTES: Final[dict[str, str]] = {
     "schema": "always 'unitsel-database'",
     "schema_version": "version of this description; files of another version are refused",
     "fps": "frame rate of the database, 1/s; selection runs at it",
     "codec": "codec of the pictures: png or webp",
-    "settings": "build settings, JSON",
-    "versions": "versions of unitsel and of the libraries that shaped the content, JSON",
-    "report": "what the build skipped or repaired, JSON",
     "created": "UTC time of the build; not part of the content",
     "host": "machine of the build; not part of the content",
     "jobs": "parallel jobs of the build; not part of the content",
@@ -108,6 +128,23 @@ ATTRIBUTES: Final[dict[str, str]] = {
 
 UNHASHED_ATTRIBUTES: Final = frozenset({"created", "host", "jobs"})
 """Attributes that may differ between databases that count as identical."""
+
+
+def field_table() -> str:
+    """All fields and attributes as a table in Markdown, for the documentation.
+
+    Returns
+    -------
+    str
+        Lines without a newline at the end.
+    """
+    lines = ["| dataset | type | shape | unit | meaning |", "| --- | --- | --- | --- | --- |"]
+    for f in FIELDS:
+        shape = " x ".join(str(size) for size in f.shape)
+        lines.append(f"| `{f.path}` | {f.dtype} | {shape} | {f.unit} | {f.meaning} |")
+    lines += ["", "| attribute of the root | meaning |", "| --- | --- |"]
+    lines += [f"| `{name}` | {meaning} |" for name, meaning in ATTRIBUTES.items()]
+    return "\n".join(lines)
 
 
 @dataclass(frozen=True)

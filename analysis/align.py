@@ -1,0 +1,375 @@
+"""Phones in time: a clip's sound aligned to its words by pocketsphinx.
+
+Two passes, as pocketsphinx wants it: the words first, then the phones inside them. The
+recogniser gives up on about one clip in twenty at its own beams and on digital silence always,
+so every attempt pads the sound and adds a faint noise, and later attempts search wider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from database.errors import AlignmentError, PronunciationError
+from database.lexicon import Lexicon
+from database.sound import Sound
+from database.symbols import to_phonemes
+from database.timing.words import WordTrack, clean_word
+from database.track import Interval, PhonemeTrack
+
+FRAME_SECONDS = 0.01
+"""pocketsphinx counts time in hundredths of a second."""
+
+RATE = 16000
+"""Sampling rate of the acoustic model, 1/s."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way to try.
+
+    Parameters
+    ----------
+    beam, word_beam : float
+        Pruning of states and of word exits; smaller is wider.
+    pad : float
+        Seconds of faint noise put before and after the sound.
+    dither : float
+        Standard deviation of the noise, in 16-bit steps.
+    """
+
+    beam: float
+    word_beam: float
+    pad: float
+    dither: float
+
+
+@dataclass(frozen=True)
+class AlignSettings:
+    """How to align.
+
+    Parameters
+    ----------
+    attempts : sequence of Attempt
+        Tried in order until one succeeds.
+    tolerance : float
+        Seconds by which a word may leave the bounds given for it before it is searched again
+        inside them.
+    """
+
+    attempts: Sequence[Attempt] = (
+        # A longer pad rescues what a wider beam alone does not: the second pass must end in silence.
+        Attempt(1e-48, 7e-29, 0.3, 3.0),
+        Attempt(1e-48, 7e-29, 0.5, 30.0),
+        Attempt(1e-90, 1e-60, 0.3, 3.0),
+        Attempt(1e-48, 7e-29, 0.1, 3.0),
+        Attempt(1e-150, 1e-120, 0.5, 30.0),
+    )
+    tolerance: float = 0.08
+
+
+@dataclass(frozen=True)
+class AlignedPhone:
+    """A phone in time, in the recogniser's ARPAbet (``SIL`` for silence)."""
+
+    start: float
+    end: float
+    symbol: str
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Words and phones of a clip.
+
+    Parameters
+    ----------
+    track : PhonemeTrack
+        From 0 to the sound's end.
+    words : WordTrack
+    attempts : int
+        How many tries the recogniser needed; 1 is the usual.
+    notes : tuple of str
+        What was repaired, for the build's report.
+    """
+
+    track: PhonemeTrack
+    words: WordTrack
+    attempts: int
+    notes: tuple[str, ...] = field(default=())
+
+
+_Word = tuple[str, list[AlignedPhone]]
+
+
+class Aligner:
+    """Aligns sounds to words; keeps its recognisers, so use one for many clips.
+
+    Parameters
+    ----------
+    lexicon : Lexicon, optional
+        Pronunciations; by default those of the CMU dictionary.
+    settings : AlignSettings, optional
+    """
+
+    def __init__(
+        self, lexicon: Lexicon | None = None, settings: AlignSettings | None = None
+    ) -> None:
+        self.lexicon = lexicon or Lexicon.default()
+        self.settings = settings or AlignSettings()
+        self._decoders: dict[tuple[float, float], Any] = {}
+        self._added: set[tuple[tuple[float, float], str]] = set()
+
+    def align(self, sound: Sound, words: Sequence[str], *, name: str = "sound") -> Alignment:
+        """Phones of a sound whose words are known.
+
+        Parameters
+        ----------
+        sound : Sound
+            16 kHz mono.
+        words : sequence of str
+        name : str
+            For messages: the clip.
+
+        Raises
+        ------
+        PronunciationError
+            If a word is in no dictionary.
+        AlignmentError
+            If no attempt succeeds.
+        """
+        samples = _checked(sound, words, name)
+        found, attempts = self._search(samples, words, name)
+        notes = (f"aligned at attempt {attempts}",) if attempts > 1 else ()
+        return _result(found, len(samples) / RATE, attempts, notes, name)
+
+    def align_bounded(self, sound: Sound, words: WordTrack, *, name: str = "sound") -> Alignment:
+        """Phones of a sound whose words and their times are known.
+
+        The sentence is aligned as a whole; a word that comes to lie outside its bounds is
+        searched again inside them. Where the recogniser fails, the dictionary's phones share
+        the word's time.
+
+        Raises
+        ------
+        PronunciationError
+            If a word is in no dictionary.
+        """
+        samples = _checked(sound, words.words, name)
+        duration = len(samples) / RATE
+        notes: list[str] = []
+        try:
+            whole, attempts = self._search(samples, words.words, name)
+            if attempts > 1:
+                notes.append(f"aligned at attempt {attempts}")
+        except AlignmentError:
+            whole, attempts = [(w, []) for w in words.words], len(self.settings.attempts)
+            notes.append("no attempt aligned the whole sentence; its words were aligned one by one")
+        spoken = [w for w in whole if not _is_silence(w[0])]
+        found: list[_Word] = []
+        slack = self.settings.tolerance
+        for (word, phones), start, end in zip(spoken, words.starts, words.ends, strict=True):
+            low, high = float(start), min(float(end), duration)
+            if high - low < 2 * FRAME_SECONDS:
+                continue
+            if not phones or phones[0].start < low - slack or phones[-1].end > high + slack:
+                phones = self._inside(samples, word, low, high, name)
+                notes.append(f"word {word!r} was searched inside {low:.2f} to {high:.2f} s")
+            found.append((word, phones))
+        return _result(_untangled(found), duration, attempts, tuple(notes), name)
+
+    def _inside(
+        self, samples: npt.NDArray[np.float32], word: str, low: float, high: float, name: str
+    ) -> list[AlignedPhone]:
+        part = samples[round(low * RATE) : round(high * RATE)]
+        try:
+            found, _ = self._search(part, [word], name)
+            phones = [p for w, ps in found if not _is_silence(w) for p in ps]
+            return [AlignedPhone(low + p.start, low + p.end, p.symbol) for p in phones]
+        except AlignmentError:
+            symbols = self.lexicon.arpabet(word)[0]
+            edges = np.linspace(low, high, len(symbols) + 1)
+            return [
+                AlignedPhone(float(edges[i]), float(edges[i + 1]), s)
+                for i, s in enumerate(symbols)
+            ]
+
+    def _search(
+        self, samples: npt.NDArray[np.float32], words: Sequence[str], name: str
+    ) -> tuple[list[_Word], int]:
+        missing = self.lexicon.missing(words)
+        if missing:
+            raise PronunciationError(
+                f"{name}: no pronunciation for {', '.join(missing)}; give one in a dictionary file "
+                "(WORD PHONES a line, --dictionary FILE), or install the optional extra `espeak`"
+            )
+        for number, attempt in enumerate(self.settings.attempts, 1):
+            found = self._try(samples, words, attempt)
+            if found is not None:
+                return found, number
+        raise AlignmentError(
+            f"{name}: the words {' '.join(words)!r} could not be aligned to the sound in "
+            f"{len(self.settings.attempts)} attempts; are they what is spoken?"
+        )
+
+    def _try(
+        self, samples: npt.NDArray[np.float32], words: Sequence[str], attempt: Attempt
+    ) -> list[_Word] | None:
+        decoder = self._decoder(attempt)
+        names = [self._known(decoder, attempt, w) for w in words]
+        data = _prepared(samples, attempt)
+        try:
+            decoder.set_align_text(" ".join(names))
+            _decode(decoder, data)
+            segments = decoder.seg()
+            if segments is None:
+                return None
+            said = [_bare(s.word) for s in segments if not _is_silence(s.word)]
+            if said != names:
+                return None
+            decoder.set_alignment()
+            _decode(decoder, data)
+            alignment = decoder.get_alignment()
+        except RuntimeError:
+            return None
+        if alignment is None:
+            return None
+        spoken = iter(words)
+        found: list[_Word] = []
+        end_of_sound = len(samples) / RATE
+        for w in alignment:
+            label = "<sil>" if _is_silence(w.name) else next(spoken, "")
+            phones = [
+                AlignedPhone(
+                    min(max(p.start * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound),
+                    min(max((p.start + p.duration) * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound),
+                    p.name,
+                )
+                for p in w
+            ]
+            phones = [p for p in phones if p.end > p.start]
+            if label != "<sil>" and not phones:
+                return None
+            found.append((label, phones))
+        return found if next(spoken, None) is None else None
+
+    def _decoder(self, attempt: Attempt) -> Any:
+        key = (attempt.beam, attempt.word_beam)
+        if key not in self._decoders:
+            import pocketsphinx  # Slow to load, and not needed where timing files exist.
+
+            self._decoders[key] = pocketsphinx.Decoder(
+                lm=None,
+                loglevel="FATAL",
+                beam=attempt.beam,
+                pbeam=attempt.beam,
+                wbeam=attempt.word_beam,
+            )
+        return self._decoders[key]
+
+    def _known(self, decoder: Any, attempt: Attempt, word: str) -> str:
+        """The recogniser's name for a word, taught to it where its dictionary says otherwise."""
+        name = clean_word(word.lower())
+        variants = [" ".join(symbols) for symbols in self.lexicon.arpabet(word)]
+        if decoder.lookup_word(name) in variants:
+            return name
+        own = f"{name}_own"
+        key = ((attempt.beam, attempt.word_beam), own)
+        if key not in self._added:
+            for i, phones in enumerate(variants):
+                decoder.add_word(own if i == 0 else f"{own}({i + 1})", phones, True)
+            self._added.add(key)
+        return own
+
+
+def _checked(sound: Sound, words: Sequence[str], name: str) -> npt.NDArray[np.float32]:
+    if sound.rate != RATE:
+        raise AlignmentError(f"{name}: the sound must be sampled at {RATE} Hz, not {sound.rate}")
+    if len(words) == 0:
+        raise AlignmentError(f"{name}: there are no words to align")
+    if len(sound.samples) < RATE // 10:
+        raise AlignmentError(f"{name}: the sound is shorter than 0.1 s")
+    return sound.samples
+
+
+def _prepared(samples: npt.NDArray[np.float32], attempt: Attempt) -> bytes:
+    pad = round(attempt.pad * RATE)
+    scaled = np.pad(samples.astype(np.float64) * 32767, pad)
+    # A fixed seed: the same clip is aligned the same way in every build.
+    scaled += np.random.default_rng(0).normal(0, attempt.dither, len(scaled))
+    return np.clip(np.round(scaled), -32768, 32767).astype("<i2").tobytes()
+
+
+def _decode(decoder: Any, data: bytes) -> None:
+    decoder.start_utt()
+    try:
+        decoder.process_raw(data, full_utt=True)
+    finally:
+        decoder.end_utt()
+
+
+def _is_silence(word: str) -> bool:
+    return word.startswith(("<", "+", "[")) or word == "SIL"
+
+
+def _bare(word: str) -> str:
+    """A word without the number of its variant: ``a(2)`` is ``a``."""
+    return word[: word.index("(")] if word.endswith(")") and "(" in word else word
+
+
+def _untangled(words: list[_Word]) -> list[_Word]:
+    """Words whose phones do not overlap: the later one gives way."""
+    out: list[_Word] = []
+    now = 0.0
+    for word, phones in words:
+        kept = []
+        for p in phones:
+            start = max(p.start, now)
+            if p.end > start + 1e-9:
+                kept.append(AlignedPhone(start, p.end, p.symbol))
+                now = p.end
+        if kept:
+            out.append((word, kept))
+    return out
+
+
+def _table_intervals(phones: Sequence[AlignedPhone]) -> Iterator[Interval]:
+    for p in phones:
+        silent = _is_silence(p.symbol)
+        for label in ("sil",) if silent else to_phonemes(p.symbol, "arpabet"):
+            yield Interval(p.start, p.end, label)
+
+
+def _result(
+    found: list[_Word], duration: float, attempts: int, notes: tuple[str, ...], name: str
+) -> Alignment:
+    phones = [i for _, ps in found for i in _table_intervals(ps)]
+    if not phones:
+        raise AlignmentError(f"{name}: no word lies inside the sound")
+    if phones[-1].end < duration - 1e-6:
+        phones.append(Interval(phones[-1].end, duration, "sil"))
+    track = PhonemeTrack.from_intervals(_merged(phones), name=name)
+    spoken = [(w, ps) for w, ps in found if not _is_silence(w) and ps]
+    words = WordTrack(
+        tuple(w for w, _ in spoken),
+        tuple(ps[0].start for _, ps in spoken),
+        tuple(ps[-1].end for _, ps in spoken),
+        duration,
+        name,
+    )
+    return Alignment(track, words, attempts, notes)
+
+
+def _merged(intervals: Sequence[Interval]) -> list[Interval]:
+    """Neighbouring silences made one."""
+    out: list[Interval] = []
+    for it in intervals:
+        last = out[-1] if out else None
+        if last and last.label == it.label == "sil" and it.start - last.end < FRAME_SECONDS:
+            out[-1] = Interval(last.start, it.end, "sil")
+        else:
+            out.append(it)
+    return out

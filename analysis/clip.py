@@ -1,0 +1,232 @@
+"""One clip analysed: phones, face, poses, crops and lips of each of its frames."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from analysis.align import Aligner, Alignment
+from analysis.corpus import Clip, align_clip
+from analysis.face import FaceFinder
+from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
+from analysis.motion import MotionSettings, estimate_poses
+from analysis.texture import reduce_crops
+from database.errors import FaceError, MediaError
+from database.mask import Camera, Mask, Poses, cut_crop
+from database.media import MediaInfo, probe, read_video
+from database.sound import Sound, read_sound
+
+SHORTEST_RUN = 3
+"""Frames: a face seen for less is a false alarm, and no pose can be smoothed over it."""
+
+
+@dataclass(frozen=True)
+class TrackedFace:
+    """A video in which the head has been followed.
+
+    Parameters
+    ----------
+    frames : int
+        Frames of the video, with or without a face.
+    numbers : (n,) int32
+        Frame numbers of the n frames in which the mask sits on a face.
+    landmarks : (n, 468, 2) float32
+        Raw face mesh, pixels.
+    poses : Poses of length n
+    camera : Camera
+        The camera of this video.
+    crops : list of (h, w, 3) uint8
+        Its mouths, head motion taken out; empty if not asked for.
+    """
+
+    frames: int
+    numbers: npt.NDArray[np.int32]
+    landmarks: npt.NDArray[np.float32]
+    poses: Poses
+    camera: Camera
+    crops: list[npt.NDArray[np.uint8]] = field(default_factory=list)
+
+    def missing(self) -> list[int]:
+        """Numbers of the frames without a face."""
+        return sorted(set(range(self.frames)) - set(self.numbers.tolist()))
+
+
+@dataclass(frozen=True)
+class AnalysedClip:
+    """Everything that a database keeps of a clip, but its PCA weights.
+
+    Parameters
+    ----------
+    name : str
+    media : Path
+    sha256 : str
+    fps : float
+        Recorded frame rate.
+    alignment : Alignment
+    face : TrackedFace
+    lips : LipGeometry
+    teeth, tongue : (n,) float32
+    reduced : (n, 42, 40, 3) uint8
+        Crops at the size of `analysis.texture`.
+    """
+
+    name: str
+    media: Path
+    sha256: str
+    fps: float
+    alignment: Alignment
+    face: TrackedFace
+    lips: LipGeometry
+    teeth: npt.NDArray[np.float32]
+    tongue: npt.NDArray[np.float32]
+    reduced: npt.NDArray[np.uint8]
+
+
+def track_face(
+    media: str | Path,
+    mask: Mask,
+    camera: Camera,
+    finder: FaceFinder,
+    *,
+    fps: float | None = None,
+    crops: bool = True,
+    settings: MotionSettings | None = None,
+) -> TrackedFace:
+    """Follow the head through a video, holding two frames' worth of pictures at most.
+
+    The video is read twice: poses are smoothed over time, so crops can only be cut once all
+    landmarks are known, and pictures of a long video do not fit in memory.
+
+    Parameters
+    ----------
+    media : path
+    mask : Mask
+        Of the person.
+    camera : Camera
+        Of the database; scaled to this video's size.
+    finder : FaceFinder
+    fps : float, optional
+        Rate to read the video at; its own by default.
+    crops : bool
+        Whether to cut the mouths.
+    settings : MotionSettings, optional
+
+    Raises
+    ------
+    MediaError
+        If the video cannot be read.
+    FaceError
+        If it shows no face for long enough.
+    """
+    info = probe(media)
+    own_camera = camera.scaled_to(info.width, info.height)
+    finder.reset()
+    found: list[tuple[int, npt.NDArray[np.float32]]] = []
+    frames = 0
+    for frame in read_video(media, fps):
+        frames = frame.index + 1
+        mesh = finder.find(frame.rgb)
+        if mesh is not None:
+            found.append((frame.index, mesh.points[:, :2]))
+    runs = [r for r in _runs([i for i, _ in found]) if r[1] - r[0] >= SHORTEST_RUN]
+    numbers: list[int] = []
+    landmarks: list[npt.NDArray[np.float32]] = []
+    rotations: list[npt.NDArray[np.float32]] = []
+    translations: list[npt.NDArray[np.float32]] = []
+    for first, last in runs:
+        points = np.stack([p for _, p in found[first:last]])
+        try:
+            poses, good = estimate_poses(points, mask, own_camera, settings)
+        except FaceError:
+            continue
+        for k in np.flatnonzero(good):
+            numbers.append(found[first + k][0])
+            landmarks.append(points[k])
+            rotations.append(poses.rotations[k])
+            translations.append(poses.translations[k])
+    if not numbers:
+        raise FaceError(f"{media}: shows no face that can be followed, in {frames} frames")
+    poses = Poses(np.stack(rotations), np.stack(translations))
+    pictures: list[npt.NDArray[np.uint8]] = []
+    if crops:
+        wanted = {number: k for k, number in enumerate(numbers)}
+        for frame in read_video(media, fps):
+            if frame.index in wanted:
+                pose = poses.matrix(wanted[frame.index])
+                pictures.append(cut_crop(frame.rgb, mask.patch, pose, own_camera))
+        if len(pictures) != len(numbers):
+            raise MediaError(f"{media}: gave other frames when it was read again")
+    return TrackedFace(
+        frames,
+        np.array(numbers, np.int32),
+        np.stack(landmarks),
+        poses,
+        own_camera,
+        pictures,
+    )
+
+
+def _runs(numbers: list[int]) -> list[tuple[int, int]]:
+    """Stretches of consecutive numbers, as [first, last) places in the list."""
+    if not numbers:
+        return []
+    breaks = [0, *(i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1)]
+    return list(zip(breaks, [*breaks[1:], len(numbers)], strict=True))
+
+
+def analyse_clip(
+    clip: Clip,
+    mask: Mask,
+    camera: Camera,
+    finder: FaceFinder,
+    aligner: Aligner,
+    *,
+    fps: float | None = None,
+    settings: MotionSettings | None = None,
+) -> AnalysedClip:
+    """Analyse a clip.
+
+    Parameters
+    ----------
+    clip : Clip
+    mask, camera
+        Of the person, of the database.
+    finder, aligner
+        Reused from clip to clip.
+    fps : float, optional
+        Rate of the database; by default the clip's own.
+    settings : MotionSettings, optional
+
+    Raises
+    ------
+    UnitselError
+        Of the kind that says what is wrong with the clip.
+    """
+    cv2.setNumThreads(1)  # Clips are analysed side by side; threads inside would fight.
+    info = probe(clip.media)
+    duration = info.duration
+    alignment = align_clip(clip, _sound_of(info), duration, aligner)
+    face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
+    lips = lip_geometry(face.landmarks, face.poses, mask, face.camera)
+    teeth, tongue = teeth_and_tongue(np.stack(face.crops), lips, mask)
+    return AnalysedClip(
+        clip.name,
+        clip.media,
+        hashlib.sha256(clip.media.read_bytes()).hexdigest(),
+        info.fps,
+        alignment,
+        face,
+        lips,
+        teeth,
+        tongue,
+        reduce_crops(face.crops),
+    )
+
+
+def _sound_of(info: MediaInfo) -> Sound | None:
+    return read_sound(info.path) if info.has_sound else None

@@ -1,0 +1,184 @@
+"""A corpus folder: media files, each with its words or its timing beside it.
+
+``NAME.mpg`` goes with ``NAME.TextGrid`` (or another timing file) or with ``NAME.txt``, the
+words. A phone-level timing file replaces alignment, a word-level one gives the words and bounds
+the search of each, a text gives the words alone; the first of these that exists is used.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from analysis.align import Aligner, Alignment
+from database.errors import CorpusError, TimingError
+from database.sound import Sound
+from database.timing import read_timing, read_words, timing_extensions
+from database.timing.words import WordTrack
+from database.track import Interval, PhonemeTrack
+
+MEDIA_EXTENSIONS: Final = frozenset(
+    ".mp4 .mov .mkv .webm .avi .mpg .mpeg .m4v .mts .m2ts .ts .wmv .flv .ogv .mxf".split()
+)
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A media file and what tells its words.
+
+    Parameters
+    ----------
+    name : str
+        File name without extension (with its folder where two clips share it).
+    media : Path
+    scripts : tuple of Path
+        Timing files and text beside it.
+    """
+
+    name: str
+    media: Path
+    scripts: tuple[Path, ...]
+
+
+def find_clips(
+    folder: str | Path, *, limit: int | None = None, exclude: Sequence[str] = ()
+) -> list[Clip]:
+    """The clips of a corpus folder and its sub-folders, sorted by name.
+
+    Parameters
+    ----------
+    folder : path
+    limit : int, optional
+        Take only this many, spread evenly over the sorted names.
+    exclude : sequence of str
+        Names to leave out.
+
+    Raises
+    ------
+    CorpusError
+        If the folder cannot be read or holds no media file, an excluded name is not there, or
+        nothing is left.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise CorpusError(f"{root}: is not a folder; a corpus is a folder with media files")
+    try:
+        files = sorted(p for p in root.rglob("*") if p.is_file())
+    except OSError as error:
+        raise CorpusError(f"{root}: cannot be read ({error.strerror})") from error
+    media = [p for p in files if p.suffix.lower() in MEDIA_EXTENSIONS]
+    if not media:
+        raise CorpusError(
+            f"{root}: holds no media file ({', '.join(sorted(MEDIA_EXTENSIONS))} are looked for)"
+        )
+    beside: dict[Path, list[Path]] = {}
+    readable = {*timing_extensions(), ".txt"}
+    for p in files:
+        if p.suffix.lower() in readable:
+            beside.setdefault(p.with_suffix(""), []).append(p)
+    shared = Counter(p.stem for p in media)
+    clips = [
+        Clip(
+            p.stem if shared[p.stem] == 1 else p.relative_to(root).as_posix(),
+            p,
+            tuple(beside.get(p.with_suffix(""), ())),
+        )
+        for p in media
+    ]
+    clips.sort(key=lambda c: c.name)
+    clips = _without(clips, exclude, root)
+    if limit is not None:
+        if limit < 1:
+            raise CorpusError(f"the number of clips must be at least 1, not {limit}")
+        if limit < len(clips):
+            places = np.linspace(0, len(clips) - 1, limit).round().astype(int)
+            clips = [clips[i] for i in places]
+    return clips
+
+
+def _without(clips: list[Clip], exclude: Sequence[str], root: Path) -> list[Clip]:
+    names = {c.name for c in clips}
+    for name in exclude:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 3)
+            hint = f"; near it: {', '.join(near)}" if near else ""
+            raise CorpusError(f"{root}: holds no clip {name!r} to exclude{hint}")
+    left = [c for c in clips if c.name not in set(exclude)]
+    if not left:
+        raise CorpusError(f"{root}: nothing is left after excluding {', '.join(exclude)}")
+    return left
+
+
+def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligner) -> Alignment:
+    """Phones of a clip, from the best script beside it.
+
+    Parameters
+    ----------
+    clip : Clip
+    sound : Sound or None
+        16 kHz mono; None where the clip has none, which a phone-level timing file makes good.
+    duration : float
+        Length of the clip in seconds.
+    aligner : Aligner
+
+    Raises
+    ------
+    CorpusError
+        If there is no script, or words but no sound.
+    TimingError, PronunciationError, AlignmentError
+        If a script cannot be read or its words cannot be aligned.
+    """
+    if not clip.scripts:
+        raise CorpusError(
+            f"{clip.media}: has no words; put {clip.media.stem}.txt or a timing file beside it"
+        )
+    timed: WordTrack | None = None
+    plain: list[str] | None = None
+    complaint: TimingError | None = None
+    for script in sorted(clip.scripts, key=lambda p: (p.suffix.lower() == ".txt", p.name)):
+        if script.suffix.lower() == ".txt":
+            plain = read_words(script)
+            continue
+        try:
+            timing = read_timing(script)
+        except TimingError as error:
+            if script.suffix.lower() == ".lab":
+                plain = read_words(script)
+                continue
+            complaint = complaint or error
+            continue
+        if timing.phones is not None:
+            track = fitted(timing.phones, duration)
+            words = timing.words or WordTrack(("-",), (track.start,), (track.end,), duration)
+            return Alignment(track, words, 0)
+        timed = timed or timing.words
+    if timed is None and plain is None:
+        raise complaint or CorpusError(f"{clip.media}: has no words")
+    if sound is None:
+        raise CorpusError(
+            f"{clip.media}: has no sound, so its words cannot be timed; put a phone-level timing "
+            "file beside it"
+        )
+    if timed is not None:
+        return aligner.align_bounded(sound, timed, name=clip.name)
+    return aligner.align(sound, plain or [], name=clip.name)
+
+
+def fitted(track: PhonemeTrack, duration: float) -> PhonemeTrack:
+    """A track cut or continued with silence to a clip's length."""
+    kept = [
+        Interval(i.start, min(i.end, duration), i.label)
+        for i in track.intervals()
+        if i.start < duration - 1e-3
+    ]
+    if not kept:
+        raise CorpusError(f"{track.name}: its times lie beyond the clip's end at {duration:.2f} s")
+    if kept[-1].end < duration - 1e-3:
+        kept.append(Interval(kept[-1].end, duration, "sil"))
+    return PhonemeTrack.from_intervals(kept, name=track.name)

@@ -1,0 +1,172 @@
+"""Lips, teeth and tongue: what the mouth's picture shows, as numbers.
+
+Geometry is measured on the face mesh's lip contours, carried into the mask's frame so that
+head motion and distance do not count. Teeth and tongue are told from the picture, inside the
+inner contour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, Poses
+
+FloatArray = npt.NDArray[np.float32]
+
+CONTOUR_MARGIN = 0.7
+"""mm of the inner contour's rim that count as lip."""
+
+_LIPS = (*OUTER_LIPS, *INNER_LIPS)
+_INNER_PAIRS = tuple(
+    (len(OUTER_LIPS) + i, len(OUTER_LIPS) + len(INNER_LIPS) - i) for i in range(1, 10)
+)
+"""Places in `_LIPS` of inner points that face each other, upper and lower."""
+
+
+@dataclass(frozen=True)
+class LipGeometry:
+    """Lips of n frames.
+
+    Parameters
+    ----------
+    contours : (n, 40, 2) float32
+        Outer then inner contour in the mask's frame, mm.
+    width, height : (n,) float32
+        Extent of the outer contour, mm.
+    opening : (n,) float32
+        Greatest distance between facing points of the inner contour, mm.
+    """
+
+    contours: FloatArray
+    width: FloatArray
+    height: FloatArray
+    opening: FloatArray
+
+
+def lip_geometry(
+    landmarks: npt.NDArray[np.floating], poses: Poses, mask: Mask, camera: Camera
+) -> LipGeometry:
+    """Measure the lips in the mask's frame.
+
+    Parameters
+    ----------
+    landmarks : (n, 468, 2) float
+        Face mesh, pixels.
+    poses : Poses of length n
+    mask, camera
+        What was filmed, and how. A landmark is taken to lie as deep as its mask vertex.
+    """
+    ids = list(_LIPS)
+    model = mask.vertices[ids].astype(np.float64)
+    contours = np.empty((len(landmarks), len(ids), 2), np.float32)
+    for i, points in enumerate(landmarks):
+        pose = poses.matrix(i)
+        z = model @ pose[2, :3] + pose[2, 3]
+        xy = (points[ids, :2] - [camera.cx, camera.cy]) * (z / camera.focal)[:, None]
+        contours[i] = ((np.column_stack([xy, z]) - pose[:, 3]) @ pose[:, :3])[:, :2]
+    outer = contours[:, : len(OUTER_LIPS)]
+    extent = outer.max(axis=1) - outer.min(axis=1)
+    upper, lower = (contours[:, [p[k] for p in _INNER_PAIRS], 1] for k in (0, 1))
+    opening = np.maximum((lower - upper).max(axis=1), 0)
+    return LipGeometry(contours, extent[:, 0], extent[:, 1], opening)
+
+
+def mesh_mouth_height(landmarks: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Mouth height straight from the raw face mesh: the ruler that analysis does not move.
+
+    Parameters
+    ----------
+    landmarks : (n, 468, 2) float
+
+    Returns
+    -------
+    (n,) float64
+        Extent of the outer contour across the eye line, in parts of the distance between the
+        outer eye corners.
+    """
+    points = np.asarray(landmarks, dtype=np.float64)
+    eyes = points[:, 263] - points[:, 33]
+    length = np.linalg.norm(eyes, axis=1)
+    down = np.stack([-eyes[:, 1], eyes[:, 0]], axis=1) / length[:, None]
+    along = np.einsum("npk,nk->np", points[:, list(OUTER_LIPS)], down)
+    height: npt.NDArray[np.float64] = (along.max(axis=1) - along.min(axis=1)) / length
+    return height
+
+
+def teeth_and_tongue(
+    crops: npt.NDArray[np.uint8], geometry: LipGeometry, mask: Mask
+) -> tuple[FloatArray, FloatArray]:
+    """Visibility of teeth and tongue.
+
+    Inside the inner lip contour a pixel is tooth as far as it is bright and little red, tongue
+    as far as it is red and neither dark nor bright, both in relation to the lips of the same
+    picture (so that lighting does not count). The visibility is the area of such pixels in
+    relation to a fixed one, a tenth of the resting mouth's width squared, at most 1.
+
+    Parameters
+    ----------
+    crops : (n, h, w, 3) uint8
+    geometry : LipGeometry of n frames
+    mask : Mask
+
+    Returns
+    -------
+    teeth, tongue : (n,) float32 each
+        0..1.
+    """
+    patch = mask.patch
+    full = 0.1 * (patch.crop_width / 2) ** 2
+    outer_count = len(OUTER_LIPS)
+    teeth = np.zeros(len(crops), np.float32)
+    tongue = np.zeros(len(crops), np.float32)
+    for i, crop in enumerate(crops):
+        if geometry.opening[i] < 0.5:
+            continue
+        points = patch.to_crop(geometry.contours[i])
+        between = _filled(points[outer_count:], crop.shape[:2])
+        lips = _filled(points[:outer_count], crop.shape[:2]) * (1 - between)
+        # The contour is a guess to within a millimetre: stay off the lips themselves.
+        inside = _filled(points[outer_count:], crop.shape[:2], CONTOUR_MARGIN * patch.pixels_per_mm)
+        if inside.sum() < 1 or lips.sum() < 4:
+            continue
+        rgb = crop.astype(np.float32) + 1
+        light = rgb.mean(axis=2)
+        red = rgb[..., 0] / rgb[..., 1]
+        lip_light = _weighted_median(light, lips)
+        lip_red = _weighted_median(red, lips)
+        # How red, from grey (0) to the lips (1); how bright, as a part of the lips.
+        redness = (red - 1) / max(lip_red - 1, 0.05)
+        bright = light / lip_light
+        is_tooth = _step(bright, 0.60, 0.85) * (1 - _step(redness, 0.55, 0.85))
+        is_tongue = _step(bright, 0.40, 0.55) * _step(redness, 0.60, 0.90)
+        teeth[i] = min(1.0, float((is_tooth * inside).sum()) / full)
+        tongue[i] = min(1.0, float((is_tongue * inside).sum()) / full)
+    return teeth, tongue
+
+
+def _filled(
+    points: npt.NDArray[np.float64], shape: tuple[int, ...], margin: float = 0.0
+) -> FloatArray:
+    """Coverage of a polygon, less a margin in pixels: drawn at four times the size and shrunk."""
+    big = np.zeros((shape[0] * 4, shape[1] * 4), np.uint8)
+    cv2.fillPoly(big, [np.round((points + 0.5) * 4 - 0.5).astype(np.int32)], (255,))
+    if margin > 0:
+        side = 2 * round(margin * 4) + 1
+        big = cv2.erode(big, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    small = cv2.resize(big, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32) / 255
+
+
+def _step(x: FloatArray, low: float, high: float) -> FloatArray:
+    t = np.clip((x - low) / (high - low), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), dtype=np.float32)
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    return float(np.median(values[weights > 0.5])) if (weights > 0.5).any() else float(
+        np.average(values, weights=weights)
+    )

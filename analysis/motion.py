@@ -1,0 +1,231 @@
+"""The person's mask, and the head's pose in every frame.
+
+The mask is the face mesh of one good frame, made metric by the distance of the outer eye
+corners. A pose is the one at which the mask's rigid points (forehead, brows' bones, nose, eye
+corners: what speech does not move) fall on the landmarks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import RBFInterpolator
+from scipy.ndimage import gaussian_filter
+from scipy.signal import savgol_filter
+
+from database.errors import FaceError
+from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
+
+EYE_CORNER_DISTANCE: Final = 88.9
+"""mm between the outer eye corners: the adult mean, which makes the mesh metric."""
+
+OUTER_EYE_CORNERS: Final = (33, 263)
+MOUTH_CORNERS: Final = (61, 291)
+FOREHEAD_TOP: Final = 10
+CHIN: Final = 152
+
+SYMMETRIC_PAIRS: Final = ((33, 263), (133, 362), (234, 454), (61, 291), (98, 327), (127, 356))
+"""Points that mirror each other: they tell the direction across the face."""
+
+RIGID: Final = (
+    *(10, 109, 338, 67, 297, 103, 332, 54, 284, 151, 108, 337, 69, 299, 9, 8, 168),
+    *(6, 197, 195, 5, 4, 1, 122, 351, 188, 412, 174, 399, 196, 419, 236, 456),
+    *(33, 133, 263, 362, 246, 466, 130, 359, 112, 341, 243, 463, 193, 417, 245, 465),
+    *(21, 251, 162, 389, 127, 356, 34, 264, 139, 368, 98, 327, 2, 94, 19),
+)
+"""Mesh points that speech leaves in place."""
+
+CROP_WIDTH, CROP_HEIGHT = 288, 304
+"""Pixels of a crop from footage that carries them (paper, section 7.1)."""
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """How poses are found.
+
+    Parameters
+    ----------
+    smoothing : int
+        Landmarks are smoothed over this many frames (odd; 1 for none) before a pose is fitted;
+        the network's points jitter more than heads do.
+    largest_error : float
+        Greatest median distance of rigid points from their landmarks for a pose to count, in
+        parts of the distance between the outer eye corners.
+    """
+
+    smoothing: int = 7
+    largest_error: float = 0.12
+
+
+@dataclass(frozen=True)
+class CropSettings:
+    """What part of the mask a crop shows.
+
+    Parameters
+    ----------
+    width_in_mouths : float
+        Width of the crop in widths of the resting mouth.
+    shift : float
+        How far the crop's middle lies below the mouth's, in widths of the resting mouth: room
+        for the chin of an open mouth.
+    largest : int
+        Greatest width of a crop in pixels; footage that carries less gets less.
+    """
+
+    width_in_mouths: float = 2.0
+    shift: float = 0.15
+    largest: int = CROP_WIDTH
+
+
+def make_mask(
+    mesh: npt.NDArray[np.floating], camera: Camera, settings: CropSettings | None = None
+) -> Mask:
+    """The person's mask from the face mesh of one frame.
+
+    Parameters
+    ----------
+    mesh : (468, 3) float
+        Pixels, as `analysis.face` gives it: face near frontal, mouth at rest.
+    camera : Camera
+    settings : CropSettings, optional
+
+    Returns
+    -------
+    Mask
+        Metric; the scale is set by the distance between the outer eye corners.
+    """
+    points = np.asarray(mesh, dtype=np.float64)
+    eyes = float(np.linalg.norm(points[OUTER_EYE_CORNERS[0]] - points[OUTER_EYE_CORNERS[1]]))
+    mm_per_pixel = EYE_CORNER_DISTANCE / eyes
+    distance = camera.focal * mm_per_pixel
+    z = distance + points[:, 2] * mm_per_pixel
+    xy = (points[:, :2] - [camera.cx, camera.cy]) * z[:, None] / camera.focal
+    space = np.column_stack([xy, z])
+    upright = (space - space[list(RIGID)].mean(axis=0)) @ _face_axes(space).T
+    vertices = upright.astype(np.float32)
+    return Mask(vertices, _mouth_patch(vertices, mm_per_pixel, settings or CropSettings()))
+
+
+def _face_axes(space: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Rows: the face's right-hand axes (across, down, away) in the camera's frame, (3, 3)."""
+    across = np.sum([space[b] - space[a] for a, b in SYMMETRIC_PAIRS], axis=0)
+    across /= np.linalg.norm(across)
+    down = space[CHIN] - space[FOREHEAD_TOP]
+    down -= across * (down @ across)
+    down /= np.linalg.norm(down)
+    return np.stack([across, down, np.cross(across, down)])
+
+
+def _mouth_patch(
+    vertices: npt.NDArray[np.float32], mm_per_pixel: float, settings: CropSettings
+) -> MouthPatch:
+    corners = vertices[list(MOUTH_CORNERS)]
+    mouth = float(np.linalg.norm(corners[1] - corners[0]))
+    width = settings.width_in_mouths * mouth
+    # A tenth more than the recorded scale, so that resampling loses little.
+    pixels = min(settings.largest, 4 * int(np.ceil(1.05 * width / mm_per_pixel / 4)))
+    rows = CROP_HEIGHT if pixels == CROP_WIDTH else round(pixels * CROP_HEIGHT / CROP_WIDTH)
+    height = width * rows / pixels
+    middle = corners.mean(axis=0)[:2] + [0, settings.shift * mouth]
+    gx = np.linspace(middle[0] - width / 2, middle[0] + width / 2, 25)
+    gy = np.linspace(middle[1] - height / 2, middle[1] + height / 2, 27)
+    plane = np.stack(np.meshgrid(gx, gy), axis=-1)
+    z = _surface(vertices, plane, reach=0.75 * max(width, height))
+    return MouthPatch(
+        np.concatenate([plane, z[..., None]], axis=-1).astype(np.float32), pixels, rows
+    )
+
+
+def _surface(
+    vertices: npt.NDArray[np.float32], plane: npt.NDArray[np.float64], reach: float
+) -> npt.NDArray[np.float64]:
+    """Depth of the face at points of its frontal plane: smooth, carried on beyond the face."""
+    lips = set(OUTER_LIPS) | set(INNER_LIPS)
+    middle = plane.reshape(-1, 2).mean(axis=0)
+    near = [
+        i
+        for i in np.flatnonzero(np.linalg.norm(vertices[:, :2] - middle, axis=1) < reach)
+        if i not in lips or i in OUTER_LIPS
+    ]
+    known = vertices[near].astype(np.float64)
+    hull = cv2.convexHull(known[:, :2].astype(np.float32))[:, 0].astype(np.float64)
+    inside = _pulled_inside(plane.reshape(-1, 2), hull)
+    fit = RBFInterpolator(known[:, :2], known[:, 2], smoothing=20.0, kernel="thin_plate_spline")
+    return np.asarray(gaussian_filter(fit(inside).reshape(plane.shape[:2]), 1.0))
+
+
+def _pulled_inside(
+    points: npt.NDArray[np.float64], hull: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Points outside a convex polygon moved to the nearest point of its edge."""
+    following = np.roll(hull, -1, axis=0)
+    edge = following - hull
+    t = np.einsum("pek,ek->pe", points[:, None] - hull, edge) / (edge**2).sum(axis=1)
+    foot = hull + np.clip(t, 0, 1)[..., None] * edge
+    nearest = np.linalg.norm(points[:, None] - foot, axis=2).argmin(axis=1)
+    contour = hull.astype(np.float32)[:, None]
+    outside = np.array([cv2.pointPolygonTest(contour, (x, y), False) < 0 for x, y in points])
+    return np.where(outside[:, None], foot[np.arange(len(points)), nearest], points)
+
+
+def estimate_poses(
+    landmarks: npt.NDArray[np.floating],
+    mask: Mask,
+    camera: Camera,
+    settings: MotionSettings | None = None,
+) -> tuple[Poses, npt.NDArray[np.bool_]]:
+    """Head pose in each frame of an unbroken run.
+
+    Parameters
+    ----------
+    landmarks : (n, 468, 2) float
+        Face mesh of consecutive frames, pixels.
+    mask, camera
+        What was filmed, and how.
+    settings : MotionSettings, optional
+
+    Returns
+    -------
+    poses : Poses of length n
+    good : (n,) bool
+        False where the mask does not fit the landmarks.
+
+    Raises
+    ------
+    FaceError
+        If no pose can be computed at all.
+    """
+    chosen = settings or MotionSettings()
+    n = len(landmarks)
+    rigid = np.asarray(landmarks, dtype=np.float64)[:, list(RIGID), :2]
+    window = min(chosen.smoothing, n if n % 2 else n - 1)
+    if window >= 3:
+        rigid = savgol_filter(rigid, window, 2 if window > 3 else 1, axis=0)
+    model = mask.vertices[list(RIGID)].astype(np.float64)
+    eyes = np.linalg.norm(
+        np.diff(np.asarray(landmarks)[:, list(OUTER_EYE_CORNERS), :2], axis=1)[:, 0], axis=1
+    )
+    rotations = np.zeros((n, 3), np.float32)
+    translations = np.zeros((n, 3), np.float32)
+    good = np.zeros(n, bool)
+    r = np.zeros(3)
+    t = np.array([0.0, 0.0, camera.focal * EYE_CORNER_DISTANCE / float(np.median(eyes))])
+    t[:2] = (rigid[0].mean(axis=0) - [camera.cx, camera.cy]) * t[2] / camera.focal
+    for i in range(n):
+        found, r_next, t_next = cv2.solvePnP(
+            model, rigid[i], camera.matrix, None, r.copy(), t.copy(), True, cv2.SOLVEPNP_ITERATIVE
+        )
+        if not found or not np.isfinite(r_next).all() or t_next[2] <= 0:
+            continue
+        r, t = np.asarray(r_next, dtype=np.float64).ravel(), np.asarray(t_next).ravel()
+        rotations[i], translations[i] = r, t
+        pose = Poses(rotations[i : i + 1], translations[i : i + 1]).matrix(0)
+        error = np.median(np.linalg.norm(project(model, pose, camera) - rigid[i], axis=1))
+        good[i] = error <= chosen.largest_error * eyes[i]
+    if not good.any():
+        raise FaceError("the mask fits the face in no frame")
+    return Poses(rotations, translations), good

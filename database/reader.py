@@ -1,0 +1,336 @@
+"""Reads a database, each part when it is first asked for.
+
+Whatever is wrong with the file, on opening or later, is one `DatabaseError` that names it.
+"""
+
+from __future__ import annotations
+
+import json
+import operator
+from collections.abc import Sequence
+from dataclasses import fields
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from database import checks
+from database.errors import DatabaseError
+from database.mask import N_VERTICES, Camera, Mask, MouthPatch
+from database.pictures import CODECS, Picture, decode
+from database.schema import F32, CostModel, Phones, Sequences, TextureModel, Units
+from database.storage import open_file, read_field, read_text_attribute, reading
+from database.track import PhonemeTrack, context_windows
+
+
+def open_database(path: str | Path) -> UnitDatabase:
+    """Open a database file for reading.
+
+    Raises
+    ------
+    DatabaseError
+        If there is no such file, it is no database, it was made by a version of unitsel whose
+        files this one does not read, or it is damaged.
+    """
+    return UnitDatabase(path)
+
+
+class UnitDatabase:
+    """A database file, open for reading.
+
+    Arrays are read when first asked for, then kept, and cannot be written to. A database is a
+    context manager, and a copy sent to another process opens the file again.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    DatabaseError
+        On opening and from every member: if the file is not what it should be, an index is out
+        of range, or the database was closed.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._handle: h5py.File | None
+        self._handle, self._sizes = open_file(self.path)
+        self._contexts: dict[int, npt.NDArray[np.uint8]] = {}
+        try:
+            with reading(self.path):
+                checks.check_fps(self.fps)
+                if self.codec not in CODECS:
+                    raise ValueError(f"its codec is {self.codec!r}, which is none of ours")
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> UnitDatabase:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[type[UnitDatabase], tuple[Path]]:
+        return UnitDatabase, (self.path.absolute(),)
+
+    def __len__(self) -> int:
+        return self._sizes["N"]
+
+    def __repr__(self) -> str:
+        state = f"{len(self)} units" if self._handle is not None else "closed"
+        return f"<UnitDatabase {self.path}: {state}>"
+
+    def close(self) -> None:
+        """Close the file; closing twice does no harm."""
+        handle, self._handle = self._handle, None
+        for name in [
+            n for n in vars(self) if isinstance(getattr(type(self), n, None), cached_property)
+        ]:
+            del self.__dict__[name]
+        self._contexts.clear()
+        if handle is not None:
+            with reading(self.path):
+                handle.close()
+
+    @cached_property
+    def fps(self) -> float:
+        """Frame rate, 1/s."""
+        with reading(self.path):
+            return float(self._file.attrs["fps"])
+
+    @cached_property
+    def codec(self) -> str:
+        """Name of the pictures' codec (`database.pictures.CODECS`)."""
+        with reading(self.path):
+            return read_text_attribute(self._file, "codec")
+
+    @cached_property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the build."""
+        return self._document("settings")
+
+    @cached_property
+    def versions(self) -> dict[str, Any]:
+        """Versions of unitsel and its libraries at the build."""
+        return self._document("versions")
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """What the build skipped or repaired."""
+        return self._document("report")
+
+    @cached_property
+    def sequences(self) -> Sequences:
+        """The clips."""
+        with reading(self.path):
+            part = Sequences(**self._group("sequences", Sequences))
+            checks.check_sequences(part, len(self))
+            return part
+
+    @cached_property
+    def units(self) -> Units:
+        """The units' parameters."""
+        with reading(self.path):
+            part = Units(**self._group("units", Units))
+            checks.check_units(part, self.sequences)
+            return part
+
+    @cached_property
+    def phones(self) -> Phones:
+        """The phones of all sequences."""
+        with reading(self.path):
+            part = Phones(**self._group("phones", Phones))
+            checks.check_phones(part, self._sizes["S"])
+            return part
+
+    @cached_property
+    def mask(self) -> Mask:
+        """The person's mask."""
+        with reading(self.path):
+            width, height = self._read("mask/crop_size").tolist()
+            patch = MouthPatch(self._read("mask/grid"), width, height)
+            mask = Mask(self._read("mask/vertices"), patch)
+            checks.check_mask(mask, self.camera)
+            return mask
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera that filmed the clips."""
+        with reading(self.path):
+            focal, cx, cy, width, height = self._read("camera").tolist()
+            return Camera(focal, cx, cy, int(width), int(height))
+
+    @cached_property
+    def texture(self) -> TextureModel:
+        """PCA and reference lighting of the normalised crops."""
+        with reading(self.path):
+            part = TextureModel(**self._group("texture", TextureModel))
+            checks.check_texture(part)
+            return part
+
+    @cached_property
+    def costs(self) -> CostModel:
+        """Phoneme distances and scales of the costs."""
+        with reading(self.path):
+            values = self._group("costs", CostModel)
+            for name in ("target_scale", "visual_scale"):
+                values[name] = float(values[name][0])
+            part = CostModel(**values)
+            checks.check_costs(part)
+            return part
+
+    def landmarks(self, rows: Sequence[int] | npt.NDArray[np.integer] | slice) -> F32:
+        """Raw face meshes of some units.
+
+        Parameters
+        ----------
+        rows : sequence of int, or slice
+            Units, in any order.
+
+        Returns
+        -------
+        (n, 468, 2) float32
+            Pixels of the recorded pictures.
+        """
+        units = self._unit_indices(rows)
+        out = np.empty((len(units), N_VERTICES, 2), dtype=np.float32)
+        with reading(self.path):
+            dataset = self._file["units/landmarks"]
+            step = dataset.chunks[0]
+            order = np.argsort(units, kind="stable")
+            blocks = units[order] // step
+            for block in np.unique(blocks):
+                here = order[np.searchsorted(blocks, block) : np.searchsorted(blocks, block + 1)]
+                chunk = dataset[block * step : (block + 1) * step]
+                out[here] = chunk[units[here] - block * step]
+            checks.check_finite("units/landmarks", out)
+        return out
+
+    def picture(self, i: int) -> Picture:
+        """Read the mouth's crop of unit `i`, (crop_height, crop_width, 3) uint8 RGB."""
+        unit = self._unit_index(i)
+        patch = self.mask.patch
+        with reading(self.path):
+            row = self._picture_data[unit]
+            length = int(self._picture_lengths[unit])
+            if not 0 < length <= len(row):
+                raise ValueError(f"pictures/length[{unit}] is {length}, outside 1..{len(row)}")
+            try:
+                picture = decode(row[:length], self.codec)
+            except DatabaseError as error:
+                raise ValueError(f"picture of unit {unit}: {error}") from error
+            if picture.shape[:2] != (patch.crop_height, patch.crop_width):
+                raise ValueError(f"picture of unit {unit} is not of the size mask/crop_size")
+            return picture
+
+    def pictures(self, indices: Sequence[int] | npt.NDArray[np.integer] | slice) -> Picture:
+        """Read the crops of some units in their order, (n, crop_height, crop_width, 3) uint8."""
+        units = self._unit_indices(indices)
+        patch = self.mask.patch
+        out = np.empty((len(units), patch.crop_height, patch.crop_width, 3), dtype=np.uint8)
+        for place, unit in enumerate(units.tolist()):
+            out[place] = self.picture(unit)
+        return out
+
+    def sequence_track(self, s: int) -> PhonemeTrack:
+        """Phonemes of sequence `s` in its own time, named as the clip."""
+        s = self._index(s, self._sizes["S"], "sequence")
+        phones = self.phones
+        first, last = np.searchsorted(phones.sequence, (s, s + 1))
+        bounds = np.append(phones.start[first:last], phones.end[last - 1])
+        with reading(self.path):
+            name = self.sequences.name[s]
+            return PhonemeTrack(phones.phoneme[first:last].astype(np.int64), bounds, name)
+
+    def context(self, n_frames: int) -> npt.NDArray[np.uint8]:
+        """Phonemes recorded around each unit, at the database's frame rate.
+
+        A sequence's track is sampled once and every unit takes the window at its frame number,
+        so frames without a face, which are no units, count in their neighbours' contexts.
+
+        Parameters
+        ----------
+        n_frames : int
+            Frames on each side; `database.track.context_frames` gives the paper's.
+
+        Returns
+        -------
+        (N, 2 n_frames + 1) uint8
+            Silence beyond the ends of a track.
+        """
+        if n_frames < 0:
+            raise DatabaseError(f"{self.path}: a context has no {n_frames} frames on each side")
+        units, sequences = self.units, self.sequences
+        if n_frames not in self._contexts:
+            out = np.empty((len(self), 2 * n_frames + 1), dtype=np.uint8)
+            for s in np.flatnonzero(sequences.units):
+                rows = slice(sequences.first_unit[s], sequences.first_unit[s] + sequences.units[s])
+                frames = units.frame[rows]
+                seen = self.sequence_track(int(s)).sample(self.fps, int(frames[-1]) + n_frames + 1)
+                out[rows] = context_windows(seen, n_frames)[frames]
+            out.setflags(write=False)
+            self._contexts[n_frames] = out
+        return self._contexts[n_frames]
+
+    @property
+    def _file(self) -> h5py.File:
+        if self._handle is None:
+            raise DatabaseError(f"{self.path}: the database was closed; open it again")
+        return self._handle
+
+    @cached_property
+    def _picture_data(self) -> h5py.Dataset:
+        return self._file["pictures/data"]
+
+    @cached_property
+    def _picture_lengths(self) -> npt.NDArray[np.int32]:
+        lengths: npt.NDArray[np.int32] = self._read("pictures/length")
+        return lengths
+
+    def _read(self, path: str) -> Any:
+        return read_field(self._file, path)
+
+    def _group(self, group: str, kind: type[Any]) -> dict[str, Any]:
+        return {f.name: self._read(f"{group}/{f.name}") for f in fields(kind)}
+
+    def _document(self, name: str) -> dict[str, Any]:
+        with reading(self.path):
+            document = json.loads(self._read(f"build/{name}")[0])
+            if not isinstance(document, dict):
+                raise ValueError(f"build/{name} is no JSON object")
+            return document
+
+    def _index(self, i: int, n: int, what: str) -> int:
+        try:
+            place = operator.index(i)
+        except TypeError:
+            raise DatabaseError(f"{self.path}: {i!r} is no number of a {what}") from None
+        if not 0 <= place < n:
+            raise DatabaseError(f"{self.path}: there is no {what} {place}; it has 0..{n - 1}")
+        return place
+
+    def _unit_index(self, i: int) -> int:
+        return self._index(i, len(self), "unit")
+
+    def _unit_indices(
+        self, rows: Sequence[int] | npt.NDArray[np.integer] | slice
+    ) -> npt.NDArray[np.int64]:
+        if isinstance(rows, slice):
+            return np.arange(len(self))[rows]
+        units = np.asarray(rows)
+        if units.ndim != 1 or (units.size and units.dtype.kind not in "iu"):
+            raise DatabaseError(f"{self.path}: units must be given as a list of their numbers")
+        for end in (units.min(), units.max()) if units.size else ():
+            self._unit_index(int(end))
+        return units.astype(np.int64)

@@ -1,0 +1,140 @@
+"""The database file as HDF5: opened, told from other files, and compared with the schema.
+
+Opening looks at the attributes and at every dataset's type and shape, not at the data.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import numpy as np
+
+from database.checks import match_shape
+from database.errors import DatabaseError, UnitselError
+from database.schema import FIELDS, SCHEMA_NAME, SCHEMA_VERSION, Field
+
+HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+FIELD_OF: Final = {field.path: field for field in FIELDS}
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn whatever goes wrong while reading a file into one `DatabaseError`.
+
+    What is a `DatabaseError` already comes through as it is.
+    """
+    try:
+        yield
+    except DatabaseError:
+        raise
+    except (OSError, LookupError, RuntimeError, ValueError, TypeError, UnitselError) as error:
+        reason = " ".join(str(error.args[0] if error.args else error).split())
+        raise DatabaseError(
+            f"{path}: damaged or cut short ({reason}); copy it again or build it again"
+        ) from error
+
+
+def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
+    """Open a database file and compare it with the schema.
+
+    Returns
+    -------
+    file : h5py.File
+        Open for reading; the caller closes it.
+    sizes : dict of str to int
+        The sizes that `FIELDS` names (``N``, ``S``, ...).
+
+    Raises
+    ------
+    DatabaseError
+        If there is no such file, it is no database, its schema version is another, or its
+        datasets are not those of the schema.
+    """
+    if not path.exists():
+        raise DatabaseError(f"{path}: there is no such file; make one with `unitsel build`")
+    if path.is_dir():
+        raise DatabaseError(f"{path}: is a folder; give the database file in it")
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(HDF5_SIGNATURE))
+    except OSError as error:
+        raise DatabaseError(
+            f"{path}: cannot be read: {error.strerror}; check who may read it"
+        ) from error
+    if not start:
+        raise DatabaseError(f"{path}: is empty; build it again")
+    if start != HDF5_SIGNATURE:
+        raise DatabaseError(
+            f"{path}: is no HDF5 file, so no database; give a file that `unitsel build` wrote"
+        )
+    with reading(path):
+        file = h5py.File(path, "r")
+    try:
+        _check_version(path, file)
+        sizes: dict[str, int] = {}
+        with reading(path):
+            for field in FIELDS:
+                _check_dataset(file, field, sizes)
+    except BaseException:
+        file.close()
+        raise
+    return file, sizes
+
+
+def read_field(file: h5py.File, path: str) -> Any:
+    """Read a whole dataset: a read-only array, or a tuple of str for a field of strings."""
+    values = file[path][()]
+    if FIELD_OF[path].dtype == "string":
+        return tuple(text.decode() for text in values.tolist())
+    values.setflags(write=False)
+    return values
+
+
+def read_text_attribute(file: h5py.File, name: str) -> str:
+    """Read an attribute of the root that is a text."""
+    value = file.attrs[name]
+    if not isinstance(value, bytes):
+        raise ValueError(f"attribute {name} is no text of fixed length")
+    return value.decode()
+
+
+def _check_version(path: Path, file: h5py.File) -> None:
+    with reading(path):
+        attributes = file.attrs
+        ours = "schema" in attributes and read_text_attribute(file, "schema") == SCHEMA_NAME
+        version = attributes["schema_version"] if ours else None
+        if ours and not isinstance(version, np.integer):
+            raise ValueError("attribute schema_version is no whole number")
+    if version is None:
+        raise DatabaseError(
+            f"{path}: is an HDF5 file of something else; give one that `unitsel build` wrote"
+        )
+    if version > SCHEMA_VERSION:
+        raise DatabaseError(
+            f"{path}: has schema version {version}, newer than this unitsel reads "
+            f"({SCHEMA_VERSION}); install a newer unitsel"
+        )
+    if version < SCHEMA_VERSION:
+        raise DatabaseError(
+            f"{path}: has schema version {version}, older than this unitsel reads "
+            f"({SCHEMA_VERSION}); build it again"
+        )
+
+
+def _check_dataset(file: h5py.File, field: Field, sizes: dict[str, int]) -> None:
+    if field.path not in file:
+        raise ValueError(f"{field.path} is missing")
+    dataset = file[field.path]
+    if not isinstance(dataset, h5py.Dataset):
+        raise ValueError(f"{field.path} is no dataset")
+    if field.dtype == "string":
+        text = h5py.check_string_dtype(dataset.dtype)
+        if text is None or text.length is None:
+            raise ValueError(f"{field.path} is {dataset.dtype}, not text of fixed length")
+    elif dataset.dtype != np.dtype(field.dtype):
+        raise ValueError(f"{field.path} is {dataset.dtype}, not {field.dtype}")
+    match_shape(field, dataset.shape, sizes)

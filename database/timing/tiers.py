@@ -1,0 +1,237 @@
+"""From labelled spans of a file to tracks: which tier is which, and what is wrong where."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from database.alphabets import SILENCE_MARKS
+from database.errors import PhonemeError, TrackError
+from database.symbols import best_alphabet, expand_intervals, to_phonemes, unknown_symbols
+from database.timing.source import Source, quoted
+from database.timing.words import WordTrack, is_word_silence
+from database.track import SMALL_GAP, Interval, PhonemeTrack
+
+PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "segments", "segment", "mau", "phonalign")
+WORD_TIERS = ("words", "word", "ort-mau", "ort", "tokens", "tokensalign")
+"""Names of tiers, lower case, the surest first."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What a timing file holds: phones, words, or both.
+
+    Parameters
+    ----------
+    phones : PhonemeTrack or None
+    words : WordTrack or None
+
+    Raises
+    ------
+    TrackError
+        If both are None.
+    """
+
+    phones: PhonemeTrack | None
+    words: WordTrack | None = None
+
+    def __post_init__(self) -> None:
+        if self.phones is None and self.words is None:
+            raise TrackError("timing: holds neither phones nor words")
+
+    @property
+    def end(self) -> float:
+        """End of the last phone or word, seconds."""
+        ends = [self.phones.end] if self.phones else []
+        return max([*ends, self.words.duration] if self.words else ends)
+
+
+@dataclass(frozen=True)
+class Span:
+    """A labelled span and where it stands in its file, a line number or words for a reader."""
+
+    start: float
+    end: float
+    label: str
+    place: str | int
+
+
+@dataclass(frozen=True)
+class Tier:
+    """A named row of spans."""
+
+    name: str
+    spans: list[Span]
+    end: float = 0.0
+
+
+def _checked(source: Source, spans: Sequence[Span], slack: float) -> list[Interval]:
+    """Spans as intervals, in order and apart; those closer than `slack` are made to touch."""
+    out: list[Interval] = []
+    before = 0.0
+    for s in spans:
+        shown = f"{quoted(s.label)} from {s.start:g} to {s.end:g} s"
+        if s.start < 0:
+            raise source.error(f"expected times from 0 on, got {shown}", s.place)
+        if s.end - s.start <= SMALL_GAP:
+            raise source.error(f"expected an end after the start, got {shown}", s.place)
+        if s.start < before - slack:
+            raise source.error(
+                f"expected a start at or after {before:g} s, where the one before ends, "
+                f"got {shown}",
+                s.place,
+            )
+        start = before if out and abs(s.start - before) <= slack else s.start
+        if s.end - start <= SMALL_GAP:
+            raise source.error(f"expected an end after {start:g} s, got {shown}", s.place)
+        out.append(Interval(start, s.end, s.label))
+        before = s.end
+    return out
+
+
+def phone_track(
+    source: Source,
+    spans: Sequence[Span],
+    alphabet: str = "auto",
+    *,
+    preferred: str | None = None,
+    slack: float = SMALL_GAP,
+) -> PhonemeTrack:
+    """Spans of one file to a track.
+
+    Parameters
+    ----------
+    source : Source
+        The file, for messages.
+    spans : sequence of Span
+        Phones in order.
+    alphabet : str
+        See `database.symbols.to_phonemes`; "auto" detects it from all labels.
+    preferred : str, optional
+        Alphabet to try first where `alphabet` is "auto".
+    slack : float
+        Seconds by which neighbours may overlap or miss each other (rounding).
+
+    Raises
+    ------
+    TimingError
+        Naming the file and the place.
+    """
+    labels = [s.label.strip() for s in spans]
+    if not labels:
+        raise source.error("holds no phone")
+    known, unknown = alphabet, unknown_symbols(labels, alphabet)
+    if alphabet == "auto":
+        known, unknown = best_alphabet(labels)
+        if preferred and len(misses := unknown_symbols(labels, preferred)) <= len(unknown):
+            known, unknown = preferred, misses
+    for span, label in zip(spans, labels, strict=True):
+        if label in unknown:
+            try:
+                to_phonemes(label, known)
+            except PhonemeError as error:
+                raise source.error(str(error), span.place) from error
+            raise source.error(
+                f"expected ARPAbet phonemes in one case, got {quoted(label)} among others",
+                span.place,
+            )
+    checked = _checked(source, spans, slack)
+    named = [Interval(i.start, i.end, i.label.strip()) for i in checked]
+    try:
+        return PhonemeTrack.from_intervals(expand_intervals(named, known), name=str(source.path))
+    except (TrackError, PhonemeError) as error:
+        raise source.error(str(error)) from error
+
+
+def word_track(
+    source: Source, spans: Sequence[Span], duration: float = 0.0, slack: float = SMALL_GAP
+) -> WordTrack:
+    """Spans of one file to words; a label of several words shares its time among them."""
+    intervals: list[Interval] = []
+    for it in _checked(source, spans, slack):
+        parts = it.label.split() or [""]
+        sizes = [len(p) for p in parts]
+        at, step = it.start, (it.end - it.start) / max(1, sum(sizes))
+        for k, part in enumerate(parts):
+            end = it.end if k == len(parts) - 1 else at + step * sizes[k]
+            intervals.append(Interval(at, end, part))
+            at = end
+    if all(is_word_silence(i.label) for i in intervals):
+        raise source.error("holds no word")
+    try:
+        return WordTrack.from_intervals(intervals, duration=duration, name=str(source.path))
+    except TrackError as error:
+        raise source.error(str(error)) from error
+
+
+def looks_like_phones(labels: Sequence[str]) -> bool:
+    """Whether at least half of the distinct labels are symbols of one alphabet.
+
+    So that a misspelt phone is an error and words are words.
+    """
+    spoken = {s for label in labels if (s := label.strip()).lower() not in SILENCE_MARKS}
+    return len(best_alphabet(spoken)[1]) * 2 <= len(spoken)
+
+
+def single_tier(
+    source: Source, spans: Sequence[Span], alphabet: str, *, is_words: bool = False
+) -> Timing:
+    """Spans of a file without named tiers: phones, or words where they do not look like phones."""
+    labels = [s.label for s in spans]
+    if is_words or (alphabet == "auto" and not looks_like_phones(labels)):
+        several = next((s for s in spans if not is_words and len(s.label.split()) > 1), None)
+        if several:
+            raise source.error(
+                f"expected one phone or one word a span, got {quoted(several.label)}", several.place
+            )
+        return Timing(None, word_track(source, spans))
+    return Timing(phone_track(source, spans, alphabet), None)
+
+
+def _named(tiers: Sequence[Tier], names: Sequence[str]) -> list[Tier]:
+    """Tiers of the surest of the names; "speaker - phones", as MFA writes it, counts."""
+    for name in names:
+        found = [t for t in tiers if re.split(r"\s+-\s+", t.name.strip().lower())[-1] == name]
+        if found:
+            return found
+    return []
+
+
+def choose_tiers(source: Source, tiers: Sequence[Tier], alphabet: str) -> Timing:
+    """Find the tier of phones and the tier of words, by name and else by content.
+
+    Raises
+    ------
+    TimingError
+        If there is neither, or several of one name (several speakers).
+    """
+    phones, words = _named(tiers, PHONE_TIERS), _named(tiers, WORD_TIERS)
+    for found in (phones, words):
+        if len(found) > 1:
+            raise source.error(
+                "expected one speaker, got several tiers of one kind: "
+                + ", ".join(quoted(t.name) for t in found)
+            )
+    rest = [t for t in tiers if t.spans and t not in words and t not in phones]
+    if not phones:
+        fits = [
+            t
+            for t in rest
+            if any(s.label.strip() for s in t.spans)
+            and not best_alphabet([s.label.strip() for s in t.spans])[1]
+        ]
+        phones = sorted(fits, key=lambda t: -len(t.spans))[:1]
+    if not phones and not words and len(rest) == 1:
+        return single_tier(source, rest[0].spans, alphabet)
+    spoken = [t for t in words if any(not is_word_silence(s.label) for s in t.spans)]
+    phone_spans = phones[0].spans if phones else []
+    if not phone_spans and not spoken:
+        raise source.error(
+            f"expected a tier named {PHONE_TIERS[0]!r} or {WORD_TIERS[0]!r}, got "
+            + (", ".join(quoted(t.name) for t in tiers) or "no tier of intervals")
+        )
+    return Timing(
+        phone_track(source, phone_spans, alphabet) if phone_spans else None,
+        word_track(source, spoken[0].spans, spoken[0].end) if spoken else None,
+    )

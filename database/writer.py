@@ -1,0 +1,358 @@
+"""Writes a database: all of it or nothing.
+
+The file grows under a hidden name beside its place and is renamed when it is complete and on
+the disk, so that nobody ever meets half a database.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import secrets
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import fields
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import IO, Any, Final
+
+import cv2
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from database import checks
+from database.errors import DatabaseError, UnitselError
+from database.pictures import decode, find_codec
+from database.schema import (
+    FIELDS,
+    SCHEMA_NAME,
+    SCHEMA_VERSION,
+    CostModel,
+    DatabaseContent,
+    Field,
+    Phones,
+    Sequences,
+    TextureModel,
+    Units,
+)
+
+Array = npt.NDArray[Any]
+Progress = Callable[[int, int], None]
+"""Called with the number of units written so far, and of all units."""
+
+FORMAT: Final = ("v110", "latest")
+"""Oldest HDF5 format to write. From 1.10 on, all metadata has checksums. The newest format of
+HDF5 2 has no more of them, and HDF5 1.14, which older h5py brings, cannot read it."""
+
+CHUNK_BYTES: Final = 8 << 20
+LANDMARK_ROWS: Final = 32
+PICTURE_ROWS: Final = 256
+LIBRARIES: Final = ("unitsel", "numpy", "scipy", "scikit-learn", "h5py", "av", "pocketsphinx")
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of unitsel and of the libraries that shape a database's content."""
+    found = {"opencv": cv2.__version__}
+    for name in LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def write_database(
+    path: str | Path,
+    content: DatabaseContent,
+    pictures: Iterable[bytes],
+    landmarks: npt.NDArray[np.float32],
+    codec: str = "png",
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> None:
+    """Write a database file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; one that is there is replaced once the new one is complete.
+    content : DatabaseContent
+        Everything but the pictures and landmarks. Numbers may come in wider types than the
+        schema's, if their values fit.
+    pictures : iterable of bytes
+        The N units' crops in order, each as `database.pictures.encode` gives it.
+    landmarks : (N, 468, 2) float32
+        Raw face mesh of each unit, pixels of the recorded picture.
+    codec : str
+        Codec of the pictures.
+    jobs : int
+        Parallel jobs of the build, for the record.
+    progress : callable, optional
+        Called with the units written so far and their number.
+
+    Raises
+    ------
+    DatabaseError
+        If a field does not have the shape, type or values that the schema asks for, if the
+        pictures are not N of the codec and crop size, or if the file cannot be written. There
+        is no new file then, and what was at `path` is still there. Errors out of `pictures`
+        and `progress` come through as they are.
+    """
+    path = Path(path)
+    find_codec(codec)
+    if not path.parent.is_dir():
+        raise DatabaseError(f"{path}: there is no folder {path.parent}; create it first")
+    if path.is_dir():
+        raise DatabaseError(f"{path}: is a folder; give the name of a file in it")
+    try:
+        arrays, sizes = _prepare(content, landmarks)
+    except (ValueError, TypeError) as error:
+        raise DatabaseError(f"{path}: not written: {error}") from error
+    _remove_leftovers(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(3)}.partial")
+    try:
+        with _writing(path):
+            spool = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 - closed below
+        with contextlib.closing(spool):
+            lengths = _spool(path, spool, pictures, sizes["N"], content, codec)
+            arrays["pictures/length"] = lengths
+            file = None
+            try:
+                with _writing(path):
+                    file = h5py.File(partial, "w", libver=FORMAT)
+                    _write_attributes(file, content.fps, codec, jobs)
+                    for f in FIELDS:
+                        if f.path != "pictures/data":
+                            _write_dataset(file, f, arrays[f.path])
+                for done in _write_pictures(path, file, spool, lengths):
+                    if progress is not None:
+                        progress(done, sizes["N"])
+                with _writing(path):
+                    file.flush()
+            finally:
+                if file is not None:
+                    with _writing(path):
+                        file.close()
+        with _writing(path):
+            _sync(partial)
+            partial.replace(path)
+            _sync(path.parent)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Turn the system's and HDF5's errors into one `DatabaseError`."""
+    try:
+        yield
+    except UnitselError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise DatabaseError(
+            f"{path}: cannot be written: {reason}; free some space there or choose another place"
+        ) from error
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file's or folder's content is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Delete the partial files of writers that were killed."""
+    mark = f".{path.name}."
+    with contextlib.suppress(OSError):
+        for other in list(path.parent.iterdir()):
+            if not (other.name.startswith(mark) and other.name.endswith(".partial")):
+                continue
+            pid = other.name[len(mark) :].partition("-")[0]
+            if pid.isdecimal() and not _is_running(int(pid)):
+                other.unlink(missing_ok=True)
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _prepare(
+    content: DatabaseContent, landmarks: npt.NDArray[np.float32]
+) -> tuple[dict[str, Array], dict[str, int]]:
+    """All datasets but the pictures, in the types of the schema, checked, and their sizes."""
+    values: dict[str, Any] = {"units/landmarks": landmarks}
+    for group in ("units", "sequences", "phones", "texture", "costs"):
+        part = getattr(content, group)
+        values |= {f"{group}/{f.name}": getattr(part, f.name) for f in fields(part)}
+    for name in ("costs/target_scale", "costs/visual_scale"):
+        values[name] = [values[name]]
+    patch, camera = content.mask.patch, content.camera
+    values["mask/vertices"] = content.mask.vertices
+    values["mask/grid"] = patch.grid
+    values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
+    values["camera"] = [camera.focal, camera.cx, camera.cy, camera.width, camera.height]
+    values["build/settings"] = [_json("settings", content.settings)]
+    values["build/report"] = [_json("report", content.report)]
+    values["build/versions"] = [_json("versions", library_versions())]
+    sizes: dict[str, int] = {}
+    arrays = {}
+    for f in FIELDS:
+        if f.path not in ("pictures/data", "pictures/length"):
+            arrays[f.path] = _as_stored(f, values[f.path])
+            checks.match_shape(f, arrays[f.path].shape, sizes)
+
+    def stored(group: str, kind: type[Any]) -> Any:
+        return kind(**{f.name: arrays[f"{group}/{f.name}"] for f in fields(kind)})
+
+    sequences = stored("sequences", Sequences)
+    checks.check_fps(content.fps)
+    checks.check_sequences(sequences, sizes["N"])
+    checks.check_units(stored("units", Units), sequences)
+    checks.check_phones(stored("phones", Phones), sizes["S"])
+    checks.check_mask(content.mask, camera)
+    checks.check_texture(stored("texture", TextureModel))
+    checks.check_costs(stored("costs", CostModel))
+    return arrays, sizes
+
+
+def _json(name: str, document: dict[str, Any]) -> str:
+    try:
+        return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"build/{name} cannot be written as JSON: {error}") from error
+
+
+def _as_stored(field: Field, value: Any) -> Array:
+    """Bring a field's value into the type of the schema, if nothing but precision is lost by it."""
+    if field.dtype == "string":
+        return _as_bytes(field.path, value)
+    wanted = np.dtype(field.dtype)
+    given = np.asarray(value)
+    if given.dtype.kind not in ("iu" if wanted.kind in "iu" else "iuf"):
+        raise ValueError(f"{field.path} is of type {given.dtype}, not {wanted}")
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(given, dtype=wanted).reshape(given.shape)
+    if wanted.kind in "iu":
+        if not np.array_equal(stored, given):
+            raise ValueError(f"{field.path} holds values that {wanted} cannot")
+    else:
+        checks.check_finite(field.path, stored)
+    return stored
+
+
+def _as_bytes(path: str, texts: Sequence[str]) -> Array:
+    encoded = []
+    for text in texts:
+        if not isinstance(text, str) or "\0" in text:
+            raise ValueError(f"{path} holds {text!r}, which is no text")
+        try:
+            encoded.append(text.encode())
+        except UnicodeEncodeError as error:
+            raise ValueError(f"{path} holds {text!r}, which is no Unicode text") from error
+    longest = max(map(len, encoded), default=0)
+    return np.array(encoded, dtype=f"S{max(1, longest)}")
+
+
+def _spool(
+    path: Path,
+    spool: IO[bytes],
+    pictures: Iterable[bytes],
+    n_units: int,
+    content: DatabaseContent,
+    codec: str,
+) -> npt.NDArray[np.int32]:
+    """Put the pictures aside one after another: the longest must be known to store the first.
+
+    Returns
+    -------
+    (N,) int32
+        Length of each in bytes.
+    """
+    how = find_codec(codec)
+    patch = content.mask.patch
+    lengths = np.zeros(n_units, dtype=np.int32)
+    n = 0
+    for n, data in enumerate(pictures, 1):
+        if n > n_units:
+            raise DatabaseError(f"{path}: not written: more pictures than {n_units} units")
+        if n == 1 and (size := decode(data, codec).shape[:2]) != (
+            patch.crop_height,
+            patch.crop_width,
+        ):
+            raise DatabaseError(
+                f"{path}: not written: pictures are {size[1]} x {size[0]} pixels, mask/crop_size "
+                f"says {patch.crop_width} x {patch.crop_height}"
+            )
+        if not how.signs(data[:16]):
+            raise DatabaseError(f"{path}: not written: picture {n - 1} is not encoded as {codec}")
+        lengths[n - 1] = len(data)
+        with _writing(path):
+            spool.write(data)
+    if n < n_units:
+        raise DatabaseError(f"{path}: not written: {n} pictures for {n_units} units")
+    return lengths
+
+
+def _write_attributes(file: h5py.File, fps: float, codec: str, jobs: int) -> None:
+    texts = {
+        "schema": SCHEMA_NAME,
+        "codec": codec,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host": platform.node(),
+    }
+    for name, text in texts.items():
+        file.attrs[name] = np.bytes_(text.encode())
+    file.attrs["schema_version"] = np.int64(SCHEMA_VERSION)
+    file.attrs["jobs"] = np.int64(jobs)
+    file.attrs["fps"] = np.float64(fps)
+
+
+def _write_dataset(file: h5py.File, field: Field, array: Array) -> None:
+    row = max(1, array.nbytes // len(array))
+    options: dict[str, Any] = {}
+    rows = min(len(array), max(1, CHUNK_BYTES // row))
+    if field.path == "units/landmarks":
+        rows = min(len(array), LANDMARK_ROWS)
+        options = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+    if field.dtype == "string":
+        options["dtype"] = h5py.string_dtype("utf-8", array.dtype.itemsize)
+        array = array.astype(options["dtype"])
+    file.create_dataset(
+        field.path, data=array, chunks=(rows, *array.shape[1:]), fletcher32=True, **options
+    )
+
+
+def _write_pictures(
+    path: Path, file: h5py.File, spool: IO[bytes], lengths: npt.NDArray[np.int32]
+) -> Iterator[int]:
+    """Write the spooled pictures, one padded chunk each, yielding how many are done."""
+    with _writing(path):
+        spool.seek(0)
+        padded = int(lengths.max())
+        dataset = file.create_dataset(
+            "pictures/data",
+            shape=(len(lengths), padded),
+            dtype=np.uint8,
+            chunks=(1, padded),
+            fletcher32=True,
+        )
+    for first in range(0, len(lengths), PICTURE_ROWS):
+        batch = lengths[first : first + PICTURE_ROWS]
+        with _writing(path):
+            block = np.zeros((len(batch), padded), dtype=np.uint8)
+            for row, length in zip(block, batch, strict=True):
+                row[:length] = np.frombuffer(spool.read(length), dtype=np.uint8)
+            dataset[first : first + len(batch)] = block
+        yield first + len(batch)
