@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -15,10 +16,11 @@ from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
 from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
 from analysis.motion import MotionSettings, estimate_poses
-from analysis.texture import reduce_crops
+from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop
 from database.media import MediaInfo, probe, read_video
+from database.pictures import encode
 from database.sound import Sound, read_sound
 
 SHORTEST_RUN = 3
@@ -40,8 +42,6 @@ class TrackedFace:
     poses : Poses of length n
     camera : Camera
         The camera of this video.
-    crops : list of (h, w, 3) uint8
-        Its mouths, head motion taken out; empty if not asked for.
     """
 
     frames: int
@@ -49,7 +49,6 @@ class TrackedFace:
     landmarks: npt.NDArray[np.float32]
     poses: Poses
     camera: Camera
-    crops: list[npt.NDArray[np.uint8]] = field(default_factory=list)
 
     def missing(self) -> list[int]:
         """Numbers of the frames without a face."""
@@ -73,6 +72,8 @@ class AnalysedClip:
     teeth, tongue : (n,) float32
     reduced : (n, 42, 40, 3) uint8
         Crops at the size of `analysis.texture`.
+    pictures : list of bytes
+        Encoded crops; empty where no codec was asked for.
     """
 
     name: str
@@ -85,6 +86,7 @@ class AnalysedClip:
     teeth: npt.NDArray[np.float32]
     tongue: npt.NDArray[np.float32]
     reduced: npt.NDArray[np.uint8]
+    pictures: list[bytes]
 
 
 def track_face(
@@ -94,13 +96,9 @@ def track_face(
     finder: FaceFinder,
     *,
     fps: float | None = None,
-    crops: bool = True,
     settings: MotionSettings | None = None,
 ) -> TrackedFace:
-    """Follow the head through a video, holding two frames' worth of pictures at most.
-
-    The video is read twice: poses are smoothed over time, so crops can only be cut once all
-    landmarks are known, and pictures of a long video do not fit in memory.
+    """Follow the head through a video, one picture at a time.
 
     Parameters
     ----------
@@ -112,8 +110,6 @@ def track_face(
     finder : FaceFinder
     fps : float, optional
         Rate to read the video at; its own by default.
-    crops : bool
-        Whether to cut the mouths.
     settings : MotionSettings, optional
 
     Raises
@@ -151,24 +147,42 @@ def track_face(
             translations.append(poses.translations[k])
     if not numbers:
         raise FaceError(f"{media}: shows no face that can be followed, in {frames} frames")
-    poses = Poses(np.stack(rotations), np.stack(translations))
-    pictures: list[npt.NDArray[np.uint8]] = []
-    if crops:
-        wanted = {number: k for k, number in enumerate(numbers)}
-        for frame in read_video(media, fps):
-            if frame.index in wanted:
-                pose = poses.matrix(wanted[frame.index])
-                pictures.append(cut_crop(frame.rgb, mask.patch, pose, own_camera))
-        if len(pictures) != len(numbers):
-            raise MediaError(f"{media}: gave other frames when it was read again")
     return TrackedFace(
         frames,
         np.array(numbers, np.int32),
         np.stack(landmarks),
-        poses,
+        Poses(np.stack(rotations), np.stack(translations)),
         own_camera,
-        pictures,
     )
+
+
+def cut_crops(
+    media: str | Path, face: TrackedFace, mask: Mask, *, fps: float | None = None
+) -> Iterator[npt.NDArray[np.uint8]]:
+    """Cut the mouths out of a video that has been tracked, head motion taken out.
+
+    The video is read a second time: poses are smoothed over time, so crops can only be cut once
+    all landmarks are known, and the pictures of a long video do not fit in memory.
+
+    Yields
+    ------
+    (h, w, 3) uint8
+        One for each of the face's frames, in order.
+
+    Raises
+    ------
+    MediaError
+        If the video cannot be read, or does not give the same frames again.
+    """
+    place = {int(number): k for k, number in enumerate(face.numbers)}
+    cut = 0
+    for frame in read_video(media, fps):
+        k = place.get(frame.index)
+        if k is not None:
+            yield cut_crop(frame.rgb, mask.patch, face.poses.matrix(k), face.camera)
+            cut += 1
+    if cut != len(place):
+        raise MediaError(f"{media}: gave other frames when it was read again")
 
 
 def _runs(numbers: list[int]) -> list[tuple[int, int]]:
@@ -187,6 +201,7 @@ def analyse_clip(
     aligner: Aligner,
     *,
     fps: float | None = None,
+    codec: str | None = None,
     settings: MotionSettings | None = None,
 ) -> AnalysedClip:
     """Analyse a clip.
@@ -200,6 +215,8 @@ def analyse_clip(
         Reused from clip to clip.
     fps : float, optional
         Rate of the database; by default the clip's own.
+    codec : str, optional
+        Encode the crops with this codec; without it they are only described.
     settings : MotionSettings, optional
 
     Raises
@@ -209,23 +226,35 @@ def analyse_clip(
     """
     cv2.setNumThreads(1)  # Clips are analysed side by side; threads inside would fight.
     info = probe(clip.media)
-    duration = info.duration
-    alignment = align_clip(clip, _sound_of(info), duration, aligner)
+    alignment = align_clip(clip, _sound_of(info), info.duration, aligner)
     face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera)
-    teeth, tongue = teeth_and_tongue(np.stack(face.crops), lips, mask)
+    seen: list[tuple[float, float]] = []
+    reduced: list[npt.NDArray[np.uint8]] = []
+    pictures: list[bytes] = []
+    for i, crop in enumerate(cut_crops(clip.media, face, mask, fps=fps)):
+        seen.append(teeth_and_tongue(crop, lips.contours[i], float(lips.opening[i]), mask.patch))
+        reduced.append(reduce_crop(crop))
+        if codec is not None:
+            pictures.append(encode(crop, codec))
     return AnalysedClip(
         clip.name,
         clip.media,
-        hashlib.sha256(clip.media.read_bytes()).hexdigest(),
+        sha256_of(clip.media),
         info.fps,
         alignment,
         face,
         lips,
-        teeth,
-        tongue,
-        reduce_crops(face.crops),
+        np.array([teeth for teeth, _ in seen], np.float32),
+        np.array([tongue for _, tongue in seen], np.float32),
+        np.stack(reduced),
+        pictures,
     )
+
+
+def sha256_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _sound_of(info: MediaInfo) -> Sound | None:

@@ -76,9 +76,9 @@ def fit_cost_model(
     first, second = _random_pairs(len(units), rng)
     target = m.astype(np.float64)[contexts[first], contexts[second]] @ v
 
+    scales = np.array([_spread(x) for x in groups])
     first, second = _pairs_inside_visemes(units.viseme, rng)
     distances = [np.linalg.norm(x[first] - x[second], axis=1) for x in groups]
-    scales = np.array([_scale(d) for d in distances])
     k = settings.features.normalised
     visual = np.sum([k[d] * distances[d] / scales[d] for d in range(len(GROUPS))], axis=0)
     return CostModel(
@@ -98,6 +98,16 @@ def _scale(values: npt.NDArray[np.float64]) -> float:
         if part.size and np.median(part) > 0:
             return float(np.median(part))
     return 1.0
+
+
+def _spread(values: npt.NDArray[np.float64]) -> float:
+    """Root mean square distance of two units drawn at random; 1 for a group that never changes.
+
+    Not a median: teeth and tongue are at zero most of the time, and the median of their
+    distances would measure noise.
+    """
+    spread = float(np.sqrt(2 * values.var(axis=0).sum()))
+    return spread if spread > 0 else 1.0
 
 
 def _random_pairs(n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray]:

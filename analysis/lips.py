@@ -13,12 +13,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, Poses
+from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses
 
 FloatArray = npt.NDArray[np.float32]
 
 CONTOUR_MARGIN = 0.7
 """mm of the inner contour's rim that count as lip."""
+
+SMALLEST_OPENING = 0.5
+"""mm: lips closer than this show nothing between them."""
 
 _LIPS = (*OUTER_LIPS, *INNER_LIPS)
 _INNER_PAIRS = tuple(
@@ -98,9 +101,9 @@ def mesh_mouth_height(landmarks: npt.NDArray[np.floating]) -> npt.NDArray[np.flo
 
 
 def teeth_and_tongue(
-    crops: npt.NDArray[np.uint8], geometry: LipGeometry, mask: Mask
-) -> tuple[FloatArray, FloatArray]:
-    """Visibility of teeth and tongue.
+    crop: npt.NDArray[np.uint8], contours: FloatArray, opening: float, patch: MouthPatch
+) -> tuple[float, float]:
+    """Visibility of teeth and tongue in one crop.
 
     Inside the inner lip contour a pixel is tooth as far as it is bright and little red, tongue
     as far as it is red and neither dark nor bright, both in relation to the lips of the same
@@ -109,43 +112,40 @@ def teeth_and_tongue(
 
     Parameters
     ----------
-    crops : (n, h, w, 3) uint8
-    geometry : LipGeometry of n frames
-    mask : Mask
+    crop : (h, w, 3) uint8
+    contours : (40, 2) float32
+        Outer then inner contour, mm.
+    opening : float
+        Opening of the inner contour, mm.
+    patch : MouthPatch
+        What the crop shows.
 
     Returns
     -------
-    teeth, tongue : (n,) float32 each
+    teeth, tongue : float
         0..1.
     """
-    patch = mask.patch
+    if opening < SMALLEST_OPENING:
+        return 0.0, 0.0
+    points = patch.to_crop(contours)
+    outer, inner = points[: len(OUTER_LIPS)], points[len(OUTER_LIPS) :]
+    shape = crop.shape[:2]
+    lips = _filled(outer, shape) * (1 - _filled(inner, shape))
+    # The contour is a guess to within a millimetre: stay off the lips themselves.
+    inside = _filled(inner, shape, CONTOUR_MARGIN * patch.pixels_per_mm)
+    if inside.sum() < 1 or (lips > 0.5).sum() < 4:
+        return 0.0, 0.0
+    rgb = crop.astype(np.float32) + 1
+    light = rgb.mean(axis=2)
+    red = rgb[..., 0] / rgb[..., 1]
+    # How red, from grey (0) to the lips (1); how bright, in parts of the lips.
+    redness = (red - 1) / max(float(np.median(red[lips > 0.5])) - 1, 0.05)
+    bright = light / float(np.median(light[lips > 0.5]))
+    is_tooth = _step(bright, 0.60, 0.85) * (1 - _step(redness, 0.55, 0.85))
+    is_tongue = _step(bright, 0.40, 0.55) * _step(redness, 0.60, 0.90)
     full = 0.1 * (patch.crop_width / 2) ** 2
-    outer_count = len(OUTER_LIPS)
-    teeth = np.zeros(len(crops), np.float32)
-    tongue = np.zeros(len(crops), np.float32)
-    for i, crop in enumerate(crops):
-        if geometry.opening[i] < 0.5:
-            continue
-        points = patch.to_crop(geometry.contours[i])
-        between = _filled(points[outer_count:], crop.shape[:2])
-        lips = _filled(points[:outer_count], crop.shape[:2]) * (1 - between)
-        # The contour is a guess to within a millimetre: stay off the lips themselves.
-        inside = _filled(points[outer_count:], crop.shape[:2], CONTOUR_MARGIN * patch.pixels_per_mm)
-        if inside.sum() < 1 or lips.sum() < 4:
-            continue
-        rgb = crop.astype(np.float32) + 1
-        light = rgb.mean(axis=2)
-        red = rgb[..., 0] / rgb[..., 1]
-        lip_light = _weighted_median(light, lips)
-        lip_red = _weighted_median(red, lips)
-        # How red, from grey (0) to the lips (1); how bright, as a part of the lips.
-        redness = (red - 1) / max(lip_red - 1, 0.05)
-        bright = light / lip_light
-        is_tooth = _step(bright, 0.60, 0.85) * (1 - _step(redness, 0.55, 0.85))
-        is_tongue = _step(bright, 0.40, 0.55) * _step(redness, 0.60, 0.90)
-        teeth[i] = min(1.0, float((is_tooth * inside).sum()) / full)
-        tongue[i] = min(1.0, float((is_tongue * inside).sum()) / full)
-    return teeth, tongue
+    teeth, tongue = (float((kind * inside).sum()) / full for kind in (is_tooth, is_tongue))
+    return min(1.0, teeth), min(1.0, tongue)
 
 
 def _filled(
@@ -164,9 +164,3 @@ def _filled(
 def _step(x: FloatArray, low: float, high: float) -> FloatArray:
     t = np.clip((x - low) / (high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), dtype=np.float32)
-
-
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
-    return float(np.median(values[weights > 0.5])) if (weights > 0.5).any() else float(
-        np.average(values, weights=weights)
-    )

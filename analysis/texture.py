@@ -12,7 +12,6 @@ lips, teeth and chin rather than the edge of the cheek.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -51,11 +50,10 @@ class TextureSettings:
     seed: int = 0
 
 
-def reduce_crops(crops: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.uint8]:
-    """Crops at the size in which they are described, (n, 42, 40, 3) uint8."""
+def reduce_crop(crop: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """A crop at the size in which it is described, (42, 40, 3) uint8."""
     size = (REDUCED_WIDTH, REDUCED_HEIGHT)
-    shrunk = [cv2.resize(c, size, interpolation=cv2.INTER_AREA) for c in crops]
-    return np.asarray(shrunk, dtype=np.uint8).reshape(-1, REDUCED_HEIGHT, REDUCED_WIDTH, 3)
+    return np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def mean_log(reduced: npt.NDArray[np.uint8]) -> FloatArray:

@@ -41,9 +41,9 @@ ARPABET: Final = {p.upper(): (p,) for p in PHONEMES} | _inverted(
 
 IPA: Final = _inverted(
     {
-        "ae": "æ a", "ax": "ə ɐ ɘ", "ah": "ʌ ɤ", "aa": "ɑ ɒ", "ao": "ɔ ɶ",
+        "ae": "æ a aa", "ax": "ə ɐ ɘ", "ah": "ʌ ɤ", "aa": "ɑ ɒ", "ao": "ɔ ɶ",
         "ey": "eɪ ei ej ɛɪ ɛi ɛj æɪ", "eh": "ɛ e", "uh": "ʊ ɵ ᵿ",
-        "er": "ɜ ɝ ɚ ɞ œ əɹ ər ɜɹ ɜr", "iy": "i", "y": "j ʝ", "ih": "ɪ", "ix": "ɨ ᵻ ɯ",
+        "er": "ɜ ɝ ɚ ɞ œ əɪ əɹ ər ɜɹ ɜr", "iy": "i", "y": "j ʝ", "ih": "ɪ", "ix": "ɨ ᵻ ɯ",
         "w": "w ʍ ɥ", "uw": "u ʉ y ʏ", "ow": "oʊ əʊ ou ow əw əʉ oʉ ɔʊ ʌʊ o ø",
         "aw": "aʊ au aw æʊ æɔ ɑʊ ɑu ʌʉ", "oy": "ɔɪ ɔi ɔj oɪ oi oj ɒɪ ɔʏ ɔø ɔy œʏ œy",
         "ay": "aɪ ai aj ɑɪ ɑi ɑj ʌɪ", "hh": "h ɦ ç ħ ʕ", "r": "ɹ r ɻ",

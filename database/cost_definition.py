@@ -203,12 +203,12 @@ def visual_features(
     features : (N, G) float32
     groups : (n_groups + 1,) int64
         Group d is ``features[:, groups[d]:groups[d + 1]]``; f of two units is the sum over the
-        groups of the Euclidean distance there.
+        groups of the Euclidean distance there. The small groups come first.
     """
     columns: list[FloatArray] = []
     groups = [0]
     k = weights.normalised
-    # The small groups first: the search leaves off a distance as soon as it is too great.
+    # Small groups first: the search leaves off a distance as soon as it is too great.
     for d, values in reversed(list(enumerate(feature_groups(units, eigenvalues)))):
         if k[d] > 0:
             columns.append(values * (k[d] / (float(costs.feature_scales[d]) * costs.visual_scale)))

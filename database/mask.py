@@ -74,11 +74,16 @@ class Camera:
         return np.array([[self.focal, 0, self.cx], [0, self.focal, self.cy], [0, 0, 1]])
 
     def scaled_to(self, width: int, height: int) -> Camera:
-        """The same camera for pictures of another size and the same field of view."""
+        """The same camera for pictures of another size.
+
+        Scaled by the width; pictures of another shape are taken to be cut evenly at the top and
+        the bottom.
+        """
+        if (width, height) == (self.width, self.height):
+            return self
         s = width / self.width
-        return Camera(
-            self.focal * s, (self.cx + 0.5) * s - 0.5, (self.cy + 0.5) * s - 0.5, width, height
-        )
+        cy = (self.cy - (self.height - 1) / 2) * s + (height - 1) / 2
+        return Camera(self.focal * s, (self.cx + 0.5) * s - 0.5, cy, width, height)
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,9 @@ def _colour_of(stream: VideoStream) -> Colour:
     )
 
 
-def read_video(path: str | Path, fps: float | Fraction | None = None) -> Generator[VideoFrame, None, None]:
+def read_video(
+    path: str | Path, fps: float | Fraction | None = None
+) -> Generator[VideoFrame, None, None]:
     """Read a video's frames in order, at a constant rate.
 
     Frame i is the picture whose time stamp, counted from the first picture's, is nearest to

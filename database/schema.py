@@ -106,7 +106,7 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("costs/target_scale", "float64", (1,), "1",
           "median target cost over random pairs of frames; target costs are divided by it"),
     Field("costs/feature_scales", "float64", (4,), "1",
-          "median distance of random pairs inside a viseme: PCA, lips, teeth, tongue"),
+          "root mean square distance of random pairs: PCA, lips, teeth, tongue"),
     Field("costs/visual_scale", "float64", (1,), "1",
           "median of f over random pairs inside a viseme; visual costs are divided by it"),
     Field("build/settings", "string", (1,), "", "build settings, JSON"),

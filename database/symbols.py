@@ -68,12 +68,13 @@ def _from_ipa(symbol: str) -> tuple[str, ...]:
             at += 1
         tokens.append(token)
         out += token
-    # A phone is one sound, or a vowel that glides on; whole words are not phones.
-    glide = VOWELS | {"r", "l"}
-    one = len(tokens) == 1
-    if one or (tokens and len(tokens) <= 3 and out[0] in VOWELS and set(out) <= glide):
-        return tuple(out)
-    return ()
+    # A phone is one sound, or a vowel that ends in schwa, r or l; whole words are not phones.
+    tail = tokens[1:]
+    if tail and tail[0] in (("ax",), ("er",)):
+        tail = tail[1:]
+    if tail and tail[0] in (("r",), ("l",)):
+        tail = tail[1:]
+    return tuple(out) if not tail and out and (len(tokens) == 1 or out[0] in VOWELS) else ()
 
 
 def _is_letter(c: str) -> bool:

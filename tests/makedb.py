@@ -268,7 +268,7 @@ def _draw(crop: tuple[int, int], look: tuple[float, ...], gain: float) -> np.nda
     centre = ((w - 1) / 2, (h - 1) / 2)
     y, x = np.mgrid[0:h, 0:w]
     shade = 1 - 0.25 * ((x - centre[0]) / w) ** 2 - 0.35 * (y / h)
-    picture = (np.array([205, 160, 140]) * shade[..., None]).astype(np.float32)
+    picture = (np.array([205, 160, 140]) * shade[..., None]).astype(np.uint8)
 
     def ellipse(across: float, down: float, dy: float, colour: Sequence[float]) -> None:
         if across > 0 and down > 0:
@@ -283,8 +283,8 @@ def _draw(crop: tuple[int, int], look: tuple[float, ...], gain: float) -> np.nda
     ellipse(0.8 * width, inner, 0, (50, 20, 20))
     ellipse(0.6 * width, 0.3 * inner * teeth, -0.3 * inner, (235, 230, 215))
     ellipse(0.5 * width, 0.4 * inner * tongue, 0.28 * inner, (180, 80, 85))
-    picture = cv2.GaussianBlur(picture, (0, 0), max(0.3, 0.5 * scale)) * gain
-    return np.clip(picture.round(), 0, 255).astype(np.uint8)
+    soft = cv2.GaussianBlur(picture, (0, 0), max(0.3, 0.5 * scale)) * gain
+    return np.clip(soft.round(), 0, 255).astype(np.uint8)
 
 
 def _texture(rng: np.random.Generator, crop: tuple[int, int], weights: np.ndarray) -> TextureModel:

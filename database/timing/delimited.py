@@ -29,7 +29,10 @@ def _rows(source: Source) -> list[Row]:
         rows = [(reader.line_num, [c.strip() for c in row]) for row in reader]
     except csv.Error as error:
         raise source.error(f"expected comma-separated values: {error}", reader.line_num) from error
-    return [(n, row) for n, row in rows if any(row)]
+    filled = [(n, row) for n, row in rows if any(row)]
+    if not filled:
+        raise source.error("expected rows of start, end and label, got none")
+    return filled
 
 
 def _columns(header: list[str]) -> tuple[int, int, int] | None:

@@ -8,7 +8,6 @@ like it (-allphone), else words. Several utterances may follow one another.
 from __future__ import annotations
 
 import json
-import re
 from typing import Any
 
 from database.timing.json_text import member, read_values
@@ -46,7 +45,7 @@ def read(source: Source, alphabet: str) -> Timing:
     if not phones and not said:
         raise source.error("holds no word and no phone")
     return Timing(
-        phone_track(source, phones, alphabet, slack=SLACK) if phones else None,
+        phone_track(source, phones, alphabet, slack=SLACK, end=end) if phones else None,
         word_track(source, words, end, SLACK) if said else None,
     )
 
@@ -58,8 +57,7 @@ def _span(source: Source, value: Any, place: str) -> Span:
         if key not in value:
             raise source.error(f"expected a member {key!r}", place)
         times.append(source.number(value[key], what, place))
-    # Of several pronunciations the dictionary's second is called word(2).
-    return Span(times[0], times[0] + times[1], re.sub(r"(?<=.)\(\d+\)$", "", label), place)
+    return Span(times[0], times[0] + times[1], label, place)
 
 
 def _segment(it: Interval, inner: list[Interval] | None = None) -> dict[str, Any]:
@@ -77,16 +75,17 @@ def write(timing: Timing) -> str:
     if not words or not phones:
         rows = [_segment(i) for i in phones or words]
     else:
-        left = list(phones)
+        left, before = list(phones), 0.0
         for word in [*words, Interval(timing.end, timing.end, "")]:
             silent = [p for p in left if (p.start + p.end) / 2 < word.start]
-            if silent:
-                span = Interval(silent[0].start, min(silent[-1].end, word.start), "<sil>")
-                rows.append(_segment(span, silent))
             inner = [p for p in left if word.start <= (p.start + p.end) / 2 < word.end]
+            left = left[len(silent) + len(inner) :]
+            if silent:
+                start, end = max(before, silent[0].start), min(silent[-1].end, word.start)
+                rows.append(_segment(Interval(start, end, "<sil>"), silent))
             if word.label:
                 rows.append(_segment(word, inner))
-            left = left[len(silent) + len(inner) :]
+            before = word.end
     text = " ".join(w.label for w in words)
     value = {"b": 0.0, "d": timing.end, "p": 1.0, "t": text, "w": rows}
     return json.dumps(value, ensure_ascii=False) + "\n"

@@ -17,6 +17,9 @@ PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "segments", "segment", 
 WORD_TIERS = ("words", "word", "ort-mau", "ort", "tokens", "tokensalign")
 """Names of tiers, lower case, the surest first."""
 
+MAX_SECONDS = 1e6
+"""Later times are mistakes, of the unit for example: nobody speaks for eleven days."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -74,6 +77,8 @@ def _checked(source: Source, spans: Sequence[Span], slack: float) -> list[Interv
         shown = f"{quoted(s.label)} from {s.start:g} to {s.end:g} s"
         if s.start < 0:
             raise source.error(f"expected times from 0 on, got {shown}", s.place)
+        if s.end > MAX_SECONDS:
+            raise source.error(f"expected times below {MAX_SECONDS:g} s, got {shown}", s.place)
         if s.end - s.start <= SMALL_GAP:
             raise source.error(f"expected an end after the start, got {shown}", s.place)
         if s.start < before - slack:
@@ -90,6 +95,11 @@ def _checked(source: Source, spans: Sequence[Span], slack: float) -> list[Interv
     return out
 
 
+def _check_end(source: Source, end: float) -> None:
+    if end > MAX_SECONDS:
+        raise source.error(f"expected times below {MAX_SECONDS:g} s, got an end at {end:g} s")
+
+
 def phone_track(
     source: Source,
     spans: Sequence[Span],
@@ -97,6 +107,7 @@ def phone_track(
     *,
     preferred: str | None = None,
     slack: float = SMALL_GAP,
+    end: float = 0.0,
 ) -> PhonemeTrack:
     """Spans of one file to a track.
 
@@ -112,6 +123,8 @@ def phone_track(
         Alphabet to try first where `alphabet` is "auto".
     slack : float
         Seconds by which neighbours may overlap or miss each other (rounding).
+    end : float
+        Seconds; silence follows the last phone until then.
 
     Raises
     ------
@@ -138,6 +151,9 @@ def phone_track(
             )
     checked = _checked(source, spans, slack)
     named = [Interval(i.start, i.end, i.label.strip()) for i in checked]
+    _check_end(source, end)
+    if end > named[-1].end + slack:
+        named.append(Interval(named[-1].end, end, ""))
     try:
         return PhonemeTrack.from_intervals(expand_intervals(named, known), name=str(source.path))
     except (TrackError, PhonemeError) as error:
@@ -149,8 +165,10 @@ def word_track(
 ) -> WordTrack:
     """Spans of one file to words; a label of several words shares its time among them."""
     intervals: list[Interval] = []
+    _check_end(source, duration)
     for it in _checked(source, spans, slack):
-        parts = it.label.split() or [""]
+        # Of several pronunciations pocketsphinx calls the second word(2).
+        parts = [re.sub(r"(?<=.)\(\d+\)$", "", p) for p in it.label.split()] or [""]
         sizes = [len(p) for p in parts]
         at, step = it.start, (it.end - it.start) / max(1, sum(sizes))
         for k, part in enumerate(parts):
@@ -232,6 +250,6 @@ def choose_tiers(source: Source, tiers: Sequence[Tier], alphabet: str) -> Timing
             + (", ".join(quoted(t.name) for t in tiers) or "no tier of intervals")
         )
     return Timing(
-        phone_track(source, phone_spans, alphabet) if phone_spans else None,
+        phone_track(source, phone_spans, alphabet, end=phones[0].end) if phone_spans else None,
         word_track(source, spoken[0].spans, spoken[0].end) if spoken else None,
     )

@@ -14,7 +14,7 @@ from database.track import SMALL_GAP, Interval
 
 WORD_SILENCES = frozenset(
     {"", "sil", "sp", "spn", "ssil", "_", "#", "<sil>", "<s>", "</s>", "<eps>", "<p:>", "[sil]"}
-    | {"[noise]", "<noise>", "++noise++", "+noise+", "[speech]"}
+    | {"[noise]", "<noise>", "++noise++", "+noise+", "[speech]", "sent-start", "sent-end"}
 )
 """Labels of a word tier that are no words, lower case."""
 

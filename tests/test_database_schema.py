@@ -1,0 +1,118 @@
+"""The schema, the writer and the reader speak of the same fields."""
+
+from dataclasses import fields
+
+import h5py
+import pytest
+
+from database.fingerprint import content_hash
+from database.schema import (
+    ATTRIBUTES,
+    FIELDS,
+    CostModel,
+    Phones,
+    Sequences,
+    TextureModel,
+    Units,
+    field_table,
+)
+
+
+def datasets(path):
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, item: (
+                found.update({name: (item.dtype, item.shape, item.fletcher32, item.chunks)})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
+    return found
+
+
+def test_a_file_holds_the_fields_and_nothing_else(small_db):
+    assert sorted(datasets(small_db)) == sorted(f.path for f in FIELDS)
+
+
+def test_every_dataset_has_checksums(small_db):
+    assert [name for name, (_, _, checked, _) in datasets(small_db).items() if not checked] == []
+
+
+def test_every_string_has_a_fixed_length(small_db):
+    """Variable lengths would lie on HDF5's global heap, which has no checksums."""
+    found = datasets(small_db)
+    texts = [f.path for f in FIELDS if f.dtype == "string"]
+    assert texts
+    for path in texts:
+        assert h5py.check_string_dtype(found[path][0]).length is not None
+    with h5py.File(small_db) as file:
+        for name in file.attrs:
+            assert file.attrs.get_id(name).dtype.kind in "Sif", name
+
+
+def test_one_picture_is_one_chunk(small_db):
+    _, (n, padded), _, chunk = datasets(small_db)["pictures/data"]
+    assert n > 1 and chunk == (1, padded)
+
+
+def test_the_root_has_the_documented_attributes_few_enough_for_its_header(small_db):
+    with h5py.File(small_db) as file:
+        assert sorted(file.attrs) == sorted(ATTRIBUTES)
+    assert len(ATTRIBUTES) <= 8
+
+
+def test_metadata_is_of_a_format_with_checksums(small_db):
+    assert small_db.read_bytes()[8] == 3, "version of the superblock"
+
+
+@pytest.mark.parametrize(
+    ("group", "kind", "apart"),
+    [
+        ("units", Units, {"landmarks"}),
+        ("sequences", Sequences, set()),
+        ("phones", Phones, set()),
+        ("texture", TextureModel, set()),
+        ("costs", CostModel, set()),
+    ],
+)
+def test_dataclasses_name_the_fields_of_their_group(group, kind, apart):
+    described = {f.path.split("/")[1] for f in FIELDS if f.path.startswith(f"{group}/")}
+    assert {f.name for f in fields(kind)} == described - apart
+
+
+def test_the_table_for_the_documentation_has_every_field_and_attribute():
+    lines = field_table().splitlines()
+    assert all(line.startswith("|") and line.endswith("|") for line in lines if line)
+    for name in [*(f.path for f in FIELDS), *ATTRIBUTES]:
+        assert sum(line.startswith(f"| `{name}` |") for line in lines) == 1
+
+
+def test_databases_of_the_same_content_count_as_identical(makedb, tmp_path):
+    size = {"sequences": 2, "frames": 12, "crop": (16, 16)}
+    first = makedb.make_database(tmp_path / "a.h5", **size)
+    with h5py.File(makedb.make_database(tmp_path / "b.h5", **size), "r+") as file:
+        file.attrs["created"] = b"another day"
+        file.attrs["host"] = b"another machine"
+        file.attrs["jobs"] = 7
+    assert content_hash(first) == content_hash(tmp_path / "b.h5")
+    assert len(content_hash(first)) == 64
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda file: file.attrs.modify("fps", 25.000001),
+        lambda file: file["units/teeth"].__setitem__(3, 0.51),
+        lambda file: file["pictures/data"].__setitem__((5, 40), 1),
+        lambda file: file["sequences/words"].__setitem__(0, b"x"),
+        lambda file: file["mask"].attrs.create("note", 1),
+        lambda file: file.create_dataset("extra", data=[1]),
+    ],
+)
+def test_any_other_difference_changes_the_hash(makedb, tmp_path, change):
+    path = makedb.make_database(tmp_path / "a.h5", sequences=2, frames=12, crop=(16, 16))
+    before = content_hash(path)
+    with h5py.File(path, "r+", libver="latest") as file:
+        change(file)
+    assert content_hash(path) != before
