@@ -62,7 +62,8 @@ class AlignSettings:
     """
 
     attempts: Sequence[Attempt] = (
-        # A longer pad rescues what a wider beam alone does not: the second pass must end in silence.
+        # A longer pad rescues what a wider beam alone does not: the second pass must end in
+        # silence.
         Attempt(1e-48, 7e-29, 0.3, 3.0),
         Attempt(1e-48, 7e-29, 0.5, 30.0),
         Attempt(1e-90, 1e-60, 0.3, 3.0),
@@ -193,8 +194,7 @@ class Aligner:
             symbols = self.lexicon.arpabet(word)[0]
             edges = np.linspace(low, high, len(symbols) + 1)
             return [
-                AlignedPhone(float(edges[i]), float(edges[i + 1]), s)
-                for i, s in enumerate(symbols)
+                AlignedPhone(float(edges[i]), float(edges[i + 1]), s) for i, s in enumerate(symbols)
             ]
 
     def _search(
@@ -245,7 +245,9 @@ class Aligner:
             phones = [
                 AlignedPhone(
                     min(max(p.start * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound),
-                    min(max((p.start + p.duration) * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound),
+                    min(
+                        max((p.start + p.duration) * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound
+                    ),
                     p.name,
                 )
                 for p in w

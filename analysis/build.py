@@ -229,7 +229,9 @@ def _frame_rate(clips: Sequence[Clip]) -> tuple[float, dict[str, str]]:
         except UnitselError as error:
             skipped[clip.name] = str(error)
     if not rates:
-        raise CorpusError(f"no clip of the corpus can be read; the first: {next(iter(skipped.values()))}")
+        raise CorpusError(
+            f"no clip of the corpus can be read; the first: {next(iter(skipped.values()))}"
+        )
     fps = Counter(round(r, 3) for r in rates.values()).most_common(1)[0][0]
     for clip in clips:
         rate = rates.get(clip.name)
@@ -308,9 +310,8 @@ def _analyse(
         else:
             skipped[clip.name] = result
     if not shards:
-        raise CorpusError(
-            f"none of the {len(clips)} clips could be used; the first: {next(iter(skipped.values()))}"
-        )
+        first = next(iter(skipped.values()))
+        raise CorpusError(f"none of the {len(clips)} clips could be used; the first: {first}")
     return shards
 
 
@@ -377,7 +378,9 @@ def _assemble(
     )
     tracks = [s.track for s in shards]
     phones = Phones(
-        sequence=np.repeat(np.arange(len(tracks), dtype=np.int32), [len(t.phonemes) for t in tracks]),
+        sequence=np.repeat(
+            np.arange(len(tracks), dtype=np.int32), [len(t.phonemes) for t in tracks]
+        ),
         phoneme=np.concatenate([t.phonemes for t in tracks]).astype(np.uint8),
         start=np.concatenate([t.boundaries[:-1] for t in tracks]),
         end=np.concatenate([t.boundaries[1:] for t in tracks]),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,10 @@ from database.timing.words import WordTrack
 from database.track import Interval, PhonemeTrack
 
 MEDIA_EXTENSIONS: Final = frozenset(
-    ".mp4 .mov .mkv .webm .avi .mpg .mpeg .m4v .mts .m2ts .ts .wmv .flv .ogv .mxf".split()
+    (
+        *(".mp4", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".m4v"),
+        *(".mts", ".m2ts", ".ts", ".wmv", ".flv", ".ogv", ".mxf"),
+    )
 )
 
 
@@ -166,8 +169,11 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
             "file beside it"
         )
     if timed is not None:
-        return aligner.align_bounded(sound, timed, name=clip.name)
-    return aligner.align(sound, plain or [], name=clip.name)
+        found = aligner.align_bounded(sound, timed, name=clip.name)
+    else:
+        found = aligner.align(sound, plain or [], name=clip.name)
+    # Sound and picture seldom end together.
+    return replace(found, track=fitted(found.track, duration))
 
 
 def fitted(track: PhonemeTrack, duration: float) -> PhonemeTrack:

@@ -156,9 +156,10 @@ def _filled(
     cv2.fillPoly(big, [np.round((points + 0.5) * 4 - 0.5).astype(np.int32)], (255,))
     if margin > 0:
         side = 2 * round(margin * 4) + 1
-        big = cv2.erode(big, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        big = np.asarray(cv2.erode(big, disc), dtype=np.uint8)
     small = cv2.resize(big, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, dtype=np.float32) / 255
+    return np.asarray(small / np.float32(255), dtype=np.float32)
 
 
 def _step(x: FloatArray, low: float, high: float) -> FloatArray:

@@ -223,7 +223,7 @@ class UnitDatabase:
         patch = self.mask.patch
         with reading(self.path):
             row = self._picture_data[unit]
-            length = int(self._picture_lengths[unit])
+            length = int(self.picture_lengths[unit])
             if not 0 < length <= len(row):
                 raise ValueError(f"pictures/length[{unit}] is {length}, outside 1..{len(row)}")
             try:
@@ -294,7 +294,8 @@ class UnitDatabase:
         return self._file["pictures/data"]
 
     @cached_property
-    def _picture_lengths(self) -> npt.NDArray[np.int32]:
+    def picture_lengths(self) -> npt.NDArray[np.int32]:
+        """Bytes of each encoded picture, (N,) int32."""
         lengths: npt.NDArray[np.int32] = self._read("pictures/length")
         return lengths
 

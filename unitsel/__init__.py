@@ -1,1 +1,118 @@
-""""""
+"""Image-based talking heads by unit selection (Liu and Ostermann 2009).
+
+``import unitsel`` is all a user needs::
+
+    report = unitsel.build_database("corpus", "me.h5")
+    with unitsel.open_database("me.h5") as database:
+        synthesizer = unitsel.Synthesizer(database)
+        track = unitsel.read_timing("hello.TextGrid").phones
+        selection = synthesizer.select(track)
+        synthesizer.write(selection, "hello.mp4", audio="hello.wav")
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+# Our other three packages have common names. Say so before a stranger's module of the same
+# name fails in some less helpful way.
+for _name in ("database", "analysis", "render"):
+    _spec = importlib.util.find_spec(_name)
+    _expected = Path(__file__).resolve().parent.parent / _name / "__init__.py"
+    if _spec is None or _spec.origin is None or Path(_spec.origin).resolve() != _expected:
+        _found = (
+            None
+            if _spec is None
+            else (_spec.origin or next(iter(_spec.submodule_search_locations or ()), None))
+        )
+        raise ImportError(
+            f"{_found} hides unitsel's own package {_name!r} ({_expected}); rename it, or run from "
+            "another folder"
+            if _found
+            else f"unitsel's own package {_name!r} is missing ({_expected}); install unitsel again"
+        )
+
+from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E402
+from database.errors import (  # noqa: E402
+    AlignmentError,
+    CorpusError,
+    DatabaseError,
+    FaceError,
+    MediaError,
+    ModelError,
+    PhonemeError,
+    PronunciationError,
+    RenderError,
+    SelectionError,
+    TimingError,
+    TrackError,
+    UnitselError,
+)
+from database.lexicon import Lexicon, spread_words  # noqa: E402
+from database.phonemes import PHONEMES, VISEMES  # noqa: E402
+from database.reader import UnitDatabase, open_database  # noqa: E402
+from database.sound import Sound, read_sound  # noqa: E402
+from database.timing import (  # noqa: E402
+    Timing,
+    read_timing,
+    timing_extensions,
+    write_timing,
+)
+from database.timing.words import WordTrack  # noqa: E402
+from database.track import Interval, PhonemeTrack  # noqa: E402
+from render.background import Background  # noqa: E402
+from unitsel.costs import Weights  # noqa: E402
+from unitsel.evaluation import Evaluation, evaluate  # noqa: E402
+from unitsel.inspection import Inspection, inspect_database  # noqa: E402
+from unitsel.select import Selection  # noqa: E402
+from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
+from unitsel.synthesizer import Synthesizer, Written  # noqa: E402
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PHONEMES",
+    "VISEMES",
+    "AlignmentError",
+    "Background",
+    "BuildReport",
+    "BuildSettings",
+    "CorpusError",
+    "DatabaseError",
+    "Evaluation",
+    "FaceError",
+    "Inspection",
+    "Interval",
+    "Lexicon",
+    "MediaError",
+    "ModelError",
+    "PhonemeError",
+    "PhonemeTrack",
+    "PronunciationError",
+    "RenderError",
+    "Selection",
+    "SelectionError",
+    "Sound",
+    "Synthesizer",
+    "Timing",
+    "TimingError",
+    "TrackError",
+    "UnitDatabase",
+    "UnitselError",
+    "Weights",
+    "WordTrack",
+    "Written",
+    "__version__",
+    "align_media",
+    "build_database",
+    "evaluate",
+    "inspect_database",
+    "open_database",
+    "read_sound",
+    "read_timing",
+    "spread_words",
+    "timing_extensions",
+    "track_of_timing",
+    "write_timing",
+]

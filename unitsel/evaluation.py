@@ -31,7 +31,7 @@ from analysis.texture import describe_clip
 from database.errors import CorpusError, UnitselError
 from database.phonemes import N_PHONEMES
 from database.reader import UnitDatabase
-from database.track import PhonemeTrack, context_windows
+from database.track import PhonemeTrack, context_windows, frame_times
 from unitsel.costs import Weights
 from unitsel.measures import correlation, sd_ratio, sl_avg, speech_frames, tc_avg, vc_avg
 from unitsel.select import TargetGraph, select_path, target_graph
@@ -242,7 +242,7 @@ class Evaluator:
         return Sentence(
             target.clip,
             target.words,
-            (target.frames + 0.5) / self.database.fps,
+            frame_times(int(target.frames.max()) + 1, self.database.fps)[target.frames],
             inside,
             real,
             {m: made[m] for m in METHODS},
@@ -389,9 +389,7 @@ def _random_units(graph: TargetGraph) -> npt.NDArray[np.int64]:
     return np.array([rng.choice(c) for c in graph.candidates], dtype=np.int64)
 
 
-def _phoneme_means(
-    values: npt.NDArray[np.floating], phoneme: npt.NDArray[np.uint8]
-) -> FloatArray:
+def _phoneme_means(values: npt.NDArray[np.floating], phoneme: npt.NDArray[np.uint8]) -> FloatArray:
     """Mean of each phoneme's frames; phonemes without any get the mean of all."""
     out = np.tile(values.mean(axis=0, dtype=np.float64), (N_PHONEMES, 1))
     for p in np.unique(phoneme):

@@ -1,0 +1,51 @@
+"""Arguments that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+else:
+    Commands = object
+
+
+def positive_int(text: str) -> int:
+    """A whole number above zero."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above zero")
+    return value
+
+
+def positive_number(text: str) -> float:
+    """A finite number above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above zero")
+    return value
+
+
+def add_models(parser: argparse.ArgumentParser) -> None:
+    """Add --models and --dictionary, of the commands that look at footage."""
+    parser.add_argument(
+        "--models", metavar="DIR", help="folder with the face models (default: fetched once)"
+    )
+    add_dictionary(parser)
+
+
+def add_dictionary(parser: argparse.ArgumentParser) -> None:
+    """Add --dictionary, of the commands that pronounce words."""
+    parser.add_argument(
+        "--dictionary",
+        metavar="FILE",
+        help="pronunciations to add to the CMU dictionary's: WORD PHONES a line",
+    )

@@ -1,0 +1,56 @@
+"""``unitsel inspect``: what a database holds."""
+
+from __future__ import annotations
+
+import argparse
+
+from database.reader import open_database
+from unitsel.cli.arguments import Commands
+from unitsel.cli.output import Output
+from unitsel.inspection import Inspection, inspect_database
+from unitsel.plots import plot_database
+
+
+def add(commands: Commands) -> argparse.ArgumentParser:
+    """Describe the command."""
+    parser = commands.add_parser(
+        "inspect",
+        help="counts, visemes covered, sequences, pictures of mouths",
+        description="Tell what a database holds.",
+    )
+    parser.add_argument("database", metavar="DB.h5")
+    parser.add_argument(
+        "--plots", metavar="DIR", help="draw typical and extreme mouths into this folder"
+    )
+    return parser
+
+
+def run(options: argparse.Namespace, output: Output) -> None:
+    """Inspect, draw and report."""
+    with open_database(options.database) as database:
+        found = inspect_database(database)
+        drawn = [] if options.plots is None else plot_database(database, options.plots)
+    document = found.as_json() | {"plots": [str(p) for p in drawn]}
+    output.result(document, "\n".join([_text(found), *(f"drawn: {p}" for p in drawn)]))
+
+
+def _text(found: Inspection) -> str:
+    lines = [
+        f"{found.path}: {found.units} units from {found.sequences} sequences, "
+        f"{found.seconds:.0f} s at {found.fps:g} frames a second",
+        f"mouths of {found.crop[0]} x {found.crop[1]} pixels, {found.codec}, "
+        f"{found.bytes_per_unit / 1000:.1f} kB each",
+        "units a viseme:",
+        *(f"  {name:<16} {count:>7}" for name, count in found.visemes.items()),
+    ]
+    if found.missing_phonemes:
+        lines.append(f"phonemes without a unit: {' '.join(found.missing_phonemes)}")
+    lines.append("parameters (1st, 50th, 99th percentile):")
+    lines += [
+        f"  {name:<16} {low:>9.2f} {middle:>9.2f} {high:>9.2f}"
+        for name, (low, middle, high) in found.ranges.items()
+    ]
+    lines.append(
+        f"the build skipped {len(found.skipped)} clips and made {len(found.repaired)} repairs"
+    )
+    return "\n".join(lines)

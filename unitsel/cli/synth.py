@@ -1,0 +1,79 @@
+"""``unitsel synth``: phoneme timings into a video."""
+
+from __future__ import annotations
+
+import argparse
+
+from database.reader import open_database
+from database.timing import read_timing
+from unitsel.cli.arguments import Commands, add_models, positive_number
+from unitsel.cli.output import Output
+from unitsel.costs import Weights
+from unitsel.measures import joins
+from unitsel.speech_track import track_of_timing
+from unitsel.synthesizer import Synthesizer
+
+
+def add(commands: Commands) -> argparse.ArgumentParser:
+    """Describe the command."""
+    parser = commands.add_parser(
+        "synth",
+        help="make the person of a database say a timing file",
+        description="Select a recorded mouth for every frame of a timing file and stitch the "
+        "mouths onto a background video of the same person.",
+    )
+    parser.add_argument("database", metavar="DB.h5")
+    parser.add_argument("timing", metavar="TIMING_FILE")
+    parser.add_argument("-o", "--output", metavar="OUT.mp4", required=True)
+    parser.add_argument("--audio", metavar="FILE", help="sound of the video")
+    parser.add_argument(
+        "--background",
+        metavar="VIDEO",
+        help="video of the person (default: the steadiest clip that the database was built from)",
+    )
+    parser.add_argument(
+        "--fps", type=positive_number, metavar="F", help="frame rate (default: the background's)"
+    )
+    parser.add_argument("--weights", metavar="FILE", help="weights of the path cost, json")
+    add_models(parser)
+    return parser
+
+
+def run(options: argparse.Namespace, output: Output) -> None:
+    """Select, render, write and report."""
+    weights = Weights() if options.weights is None else Weights.read(options.weights)
+    timing = read_timing(options.timing)
+    with open_database(options.database) as database:
+        synthesizer = Synthesizer(database, weights, models=options.models)
+        track = track_of_timing(
+            timing, audio=options.audio, dictionary=options.dictionary, name=options.timing
+        )
+        selection = synthesizer.select(track, progress=output.progress)
+        written = synthesizer.write(
+            selection,
+            options.output,
+            audio=options.audio,
+            background=options.background,
+            fps=options.fps,
+            progress=output.progress,
+        )
+        units = database.units
+        segments = 1 + int(
+            joins(units.sequence[selection.units], units.frame[selection.units]).sum()
+        )
+    fallbacks = [str(f) for f in selection.fallbacks]
+    document = {
+        "video": str(written.path),
+        "background": str(written.background),
+        "frames": written.frames,
+        "fps": written.fps,
+        "seconds": round(written.seconds, 4),
+        "segments": segments,
+        "cost": selection.costs.cost,
+        "fallbacks": fallbacks,
+    }
+    text = (
+        f"{written.path}: {written.frames} frames at {written.fps:g} a second, {segments} "
+        f"segments, over {written.background}"
+    )
+    output.result(document, "\n".join([text, *fallbacks]))
