@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from analysis.g2p import with_guesses
 from database.errors import AlignmentError, PronunciationError
 from database.lexicon import Lexicon
 from database.sound import Sound
@@ -23,6 +24,9 @@ from database.track import Interval, PhonemeTrack
 
 FRAME_SECONDS = 0.01
 """pocketsphinx counts time in hundredths of a second."""
+
+WORD_GAP = 0.02
+"""Seconds: words nearer than this to each other follow without silence."""
 
 RATE = 16000
 """Sampling rate of the acoustic model, 1/s."""
@@ -104,6 +108,7 @@ class Alignment:
 
 
 _Word = tuple[str, list[AlignedPhone]]
+"""A word, blank where it is silence, and its phones."""
 
 
 class Aligner:
@@ -123,6 +128,7 @@ class Aligner:
         self.settings = settings or AlignSettings()
         self._decoders: dict[tuple[float, float], Any] = {}
         self._added: set[tuple[tuple[float, float], str]] = set()
+        self._guesses: dict[str, str] = {}
 
     def align(self, sound: Sound, words: Sequence[str], *, name: str = "sound") -> Alignment:
         """Phones of a sound whose words are known.
@@ -143,16 +149,18 @@ class Aligner:
             If no attempt succeeds.
         """
         samples = _checked(sound, words, name)
+        notes = self._pronounceable(words, name)
         found, attempts = self._search(samples, words, name)
-        notes = (f"aligned at attempt {attempts}",) if attempts > 1 else ()
-        return _result(found, len(samples) / RATE, attempts, notes, name)
+        if attempts > 1:
+            notes.append(f"aligned at attempt {attempts}")
+        return _result(found, len(samples) / RATE, attempts, tuple(notes), name)
 
     def align_bounded(self, sound: Sound, words: WordTrack, *, name: str = "sound") -> Alignment:
         """Phones of a sound whose words and their times are known.
 
         The sentence is aligned as a whole; a word that comes to lie outside its bounds is
-        searched again inside them. Where the recogniser fails, the dictionary's phones share
-        the word's time.
+        searched again inside them, and beside silence a word reaches to its bounds. Where the
+        recogniser fails, the dictionary's phones share the word's time.
 
         Raises
         ------
@@ -161,7 +169,7 @@ class Aligner:
         """
         samples = _checked(sound, words.words, name)
         duration = len(samples) / RATE
-        notes: list[str] = []
+        notes = self._pronounceable(words.words, name)
         try:
             whole, attempts = self._search(samples, words.words, name)
             if attempts > 1:
@@ -169,7 +177,7 @@ class Aligner:
         except AlignmentError:
             whole, attempts = [(w, []) for w in words.words], len(self.settings.attempts)
             notes.append("no attempt aligned the whole sentence; its words were aligned one by one")
-        spoken = [w for w in whole if not _is_silence(w[0])]
+        spoken = [w for w in whole if w[0]]
         found: list[_Word] = []
         slack = self.settings.tolerance
         for (word, phones), start, end in zip(spoken, words.starts, words.ends, strict=True):
@@ -178,8 +186,7 @@ class Aligner:
                 continue
             if not phones or phones[0].start < low - slack or phones[-1].end > high + slack:
                 phones = self._inside(samples, word, low, high, name)
-                notes.append(f"word {word!r} was searched inside {low:.2f} to {high:.2f} s")
-            found.append((word, phones))
+            found.append((word, _reaching(phones, low, high, words)))
         return _result(_untangled(found), duration, attempts, tuple(notes), name)
 
     def _inside(
@@ -188,7 +195,7 @@ class Aligner:
         part = samples[round(low * RATE) : round(high * RATE)]
         try:
             found, _ = self._search(part, [word], name)
-            phones = [p for w, ps in found if not _is_silence(w) for p in ps]
+            phones = [p for w, ps in found if w for p in ps]
             return [AlignedPhone(low + p.start, low + p.end, p.symbol) for p in phones]
         except AlignmentError:
             symbols = self.lexicon.arpabet(word)[0]
@@ -197,15 +204,24 @@ class Aligner:
                 AlignedPhone(float(edges[i]), float(edges[i + 1]), s) for i, s in enumerate(symbols)
             ]
 
-    def _search(
-        self, samples: npt.NDArray[np.float32], words: Sequence[str], name: str
-    ) -> tuple[list[_Word], int]:
+    def _pronounceable(self, words: Sequence[str], name: str) -> list[str]:
+        """Notes on the words whose pronunciation is a guess, made where a dictionary has none."""
         missing = self.lexicon.missing(words)
+        if missing:
+            self.lexicon, guesses = with_guesses(self.lexicon, missing)
+            self._guesses.update(guesses)
+            missing = self.lexicon.missing(missing)
         if missing:
             raise PronunciationError(
                 f"{name}: no pronunciation for {', '.join(missing)}; give one in a dictionary file "
                 "(WORD PHONES a line, --dictionary FILE), or install the optional extra `espeak`"
             )
+        # For every clip that says the word, whichever was first: reports must not depend on order.
+        return [self._guesses[w] for w in dict.fromkeys(words) if w in self._guesses]
+
+    def _search(
+        self, samples: npt.NDArray[np.float32], words: Sequence[str], name: str
+    ) -> tuple[list[_Word], int]:
         for number, attempt in enumerate(self.settings.attempts, 1):
             found = self._try(samples, words, attempt)
             if found is not None:
@@ -222,6 +238,8 @@ class Aligner:
         names = [self._known(decoder, attempt, w) for w in words]
         data = _prepared(samples, attempt)
         try:
+            # The recogniser goes on from the last sound's mean; clips must not depend on order.
+            decoder.reinit_feat()
             decoder.set_align_text(" ".join(names))
             _decode(decoder, data)
             segments = decoder.seg()
@@ -241,19 +259,15 @@ class Aligner:
         found: list[_Word] = []
         end_of_sound = len(samples) / RATE
         for w in alignment:
-            label = "<sil>" if _is_silence(w.name) else next(spoken, "")
-            phones = [
-                AlignedPhone(
-                    min(max(p.start * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound),
-                    min(
-                        max((p.start + p.duration) * FRAME_SECONDS - attempt.pad, 0.0), end_of_sound
-                    ),
-                    p.name,
-                )
-                for p in w
-            ]
-            phones = [p for p in phones if p.end > p.start]
-            if label != "<sil>" and not phones:
+            label = "" if _is_silence(w.name) else next(spoken, "")
+            phones = []
+            for p in w:
+                first = p.start * FRAME_SECONDS - attempt.pad
+                last = first + p.duration * FRAME_SECONDS
+                start, end = (min(max(t, 0.0), end_of_sound) for t in (first, last))
+                if end > start:
+                    phones.append(AlignedPhone(start, end, p.name))
+            if label and not phones:
                 return None
             found.append((label, phones))
         return found if next(spoken, None) is None else None
@@ -322,6 +336,22 @@ def _bare(word: str) -> str:
     return word[: word.index("(")] if word.endswith(")") and "(" in word else word
 
 
+def _reaching(
+    phones: list[AlignedPhone], low: float, high: float, words: WordTrack
+) -> list[AlignedPhone]:
+    """A word's phones, drawn out to its bounds where silence lies beyond them.
+
+    The recogniser hears a weak first sound late and a weak last one not to its end; the lips
+    know better, and so does who gave the bounds.
+    """
+    out = list(phones)
+    if not any(abs(end - low) < WORD_GAP for end in words.ends) and out[0].start > low:
+        out[0] = AlignedPhone(low, out[0].end, out[0].symbol)
+    if not any(abs(start - high) < WORD_GAP for start in words.starts) and out[-1].end < high:
+        out[-1] = AlignedPhone(out[-1].start, high, out[-1].symbol)
+    return out
+
+
 def _untangled(words: list[_Word]) -> list[_Word]:
     """Words whose phones do not overlap: the later one gives way."""
     out: list[_Word] = []
@@ -354,7 +384,7 @@ def _result(
     if phones[-1].end < duration - 1e-6:
         phones.append(Interval(phones[-1].end, duration, "sil"))
     track = PhonemeTrack.from_intervals(_merged(phones), name=name)
-    spoken = [(w, ps) for w, ps in found if not _is_silence(w) and ps]
+    spoken = [(w, ps) for w, ps in found if w and ps]
     words = WordTrack(
         tuple(w for w, _ in spoken),
         tuple(ps[0].start for _, ps in spoken),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import tempfile
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -120,6 +121,8 @@ class _Common:
     models: FaceModels
     lexicon: Lexicon
     settings: BuildSettings
+    build: str = field(default_factory=lambda: uuid.uuid4().hex)
+    """Tells this build from an earlier one in workers that serve several."""
 
 
 def build_database(
@@ -247,14 +250,15 @@ def _finder(models: FaceModels, settings: FaceSettings) -> FaceFinder:
     return FaceFinder(models, settings)
 
 
-_aligners: dict[int, Aligner] = {}
+_aligners: dict[str, Aligner] = {}
 
 
-def _aligner(lexicon: Lexicon, settings: AlignSettings) -> Aligner:
-    """One aligner a process: its acoustic model takes a third of a second to load."""
-    if not _aligners:
-        _aligners[0] = Aligner(lexicon, settings)
-    return _aligners[0]
+def _aligner(common: _Common) -> Aligner:
+    """One aligner a process and build: its acoustic model takes a third of a second to load."""
+    if common.build not in _aligners:
+        _aligners.clear()
+        _aligners[common.build] = Aligner(common.lexicon, common.settings.align)
+    return _aligners[common.build]
 
 
 def _analyse_into(clip: Clip, common: _Common, path: Path) -> Shard | str:
@@ -266,7 +270,7 @@ def _analyse_into(clip: Clip, common: _Common, path: Path) -> Shard | str:
             common.mask,
             common.camera,
             _finder(common.models, common.settings.face),
-            _aligner(common.lexicon, common.settings.align),
+            _aligner(common),
             fps=common.fps,
             codec=common.settings.codec,
             settings=common.settings.motion,
@@ -287,7 +291,6 @@ def _analyse(
     tell: Progress,
 ) -> list[Shard]:
     """Shards of the usable clips, in the clips' order; the others are added to `skipped`."""
-    _aligners.clear()
     tasks = (
         delayed(_numbered)(i, clip, common, folder / f"{i}.npz") for i, clip in enumerate(clips)
     )

@@ -16,6 +16,7 @@ from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
 from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
 from analysis.motion import MotionSettings, estimate_poses
+from analysis.smoothing import runs
 from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop
@@ -129,12 +130,12 @@ def track_face(
         mesh = finder.find(frame.rgb)
         if mesh is not None:
             found.append((frame.index, mesh.points[:, :2]))
-    runs = [r for r in _runs([i for i, _ in found]) if r[1] - r[0] >= SHORTEST_RUN]
+    stretches = [r for r in runs([i for i, _ in found]) if r[1] - r[0] >= SHORTEST_RUN]
     numbers: list[int] = []
     landmarks: list[npt.NDArray[np.float32]] = []
     rotations: list[npt.NDArray[np.float32]] = []
     translations: list[npt.NDArray[np.float32]] = []
-    for first, last in runs:
+    for first, last in stretches:
         points = np.stack([p for _, p in found[first:last]])
         try:
             poses, good = estimate_poses(points, mask, own_camera, settings)
@@ -185,14 +186,6 @@ def cut_crops(
         raise MediaError(f"{media}: gave other frames when it was read again")
 
 
-def _runs(numbers: list[int]) -> list[tuple[int, int]]:
-    """Stretches of consecutive numbers, as [first, last) places in the list."""
-    if not numbers:
-        return []
-    breaks = [0, *(i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1)]
-    return list(zip(breaks, [*breaks[1:], len(numbers)], strict=True))
-
-
 def analyse_clip(
     clip: Clip,
     mask: Mask,
@@ -228,7 +221,7 @@ def analyse_clip(
     info = probe(clip.media)
     alignment = align_clip(clip, _sound_of(info), info.duration, aligner)
     face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
-    lips = lip_geometry(face.landmarks, face.poses, mask, face.camera)
+    lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
     reduced: list[npt.NDArray[np.uint8]] = []
     pictures: list[bytes] = []

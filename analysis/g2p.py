@@ -53,7 +53,7 @@ def speaking_lexicon(dictionary: str | os.PathLike[str] | None = None) -> Lexico
     return lexicon if dictionary is None else lexicon.extended(dictionary)
 
 
-def with_guesses(lexicon: Lexicon, words: Iterable[str]) -> tuple[Lexicon, tuple[str, ...]]:
+def with_guesses(lexicon: Lexicon, words: Iterable[str]) -> tuple[Lexicon, dict[str, str]]:
     """Add pronunciations of the words that a lexicon lacks, as far as they can be guessed.
 
     Parameters
@@ -65,15 +65,14 @@ def with_guesses(lexicon: Lexicon, words: Iterable[str]) -> tuple[Lexicon, tuple
     -------
     lexicon : Lexicon
         The same one where nothing was added. What is still missing, `Lexicon.missing` tells.
-    notes : tuple of str
-        One for each guess, for the user to check.
+    notes : dict of str to str
+        A sentence on each word that was guessed, for the user to check.
     """
     guesses = {w: g for w in lexicon.missing(words) if (g := guess_pronunciation(w))}
     if not guesses:
-        return lexicon, ()
-    notes = tuple(
-        f"pronunciation of {w!r} guessed by espeak: {' '.join(g)}" for w, g in guesses.items()
-    )
+        return lexicon, {}
+    said = "pronunciation of {!r} guessed by espeak: {}"
+    notes = {w: said.format(w, " ".join(g)) for w, g in guesses.items()}
     return lexicon.with_entries({clean_word(w): [g] for w, g in guesses.items()}), notes
 
 

@@ -13,12 +13,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from analysis.smoothing import smoothed_runs
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses
 
 FloatArray = npt.NDArray[np.float32]
 
 CONTOUR_MARGIN = 0.7
 """mm of the inner contour's rim that count as lip."""
+
+LIP_SMOOTHING = 5
+"""Frames over which lip contours are smoothed by a parabola. On GRID the smoothed heights agree
+with an estimate from pixels alone as well as raw ones do (0.96); over seven frames they agree
+less (0.92): short closures begin to fill."""
 
 SMALLEST_OPENING = 0.5
 """mm: lips closer than this show nothing between them."""
@@ -51,9 +57,16 @@ class LipGeometry:
 
 
 def lip_geometry(
-    landmarks: npt.NDArray[np.floating], poses: Poses, mask: Mask, camera: Camera
+    landmarks: npt.NDArray[np.floating],
+    poses: Poses,
+    mask: Mask,
+    camera: Camera,
+    numbers: npt.ArrayLike,
+    smoothing: int = LIP_SMOOTHING,
 ) -> LipGeometry:
     """Measure the lips in the mask's frame.
+
+    The contours are smoothed over time; `mesh_mouth_height` is the measure that is not.
 
     Parameters
     ----------
@@ -62,6 +75,10 @@ def lip_geometry(
     poses : Poses of length n
     mask, camera
         What was filmed, and how. A landmark is taken to lie as deep as its mask vertex.
+    numbers : (n,) int
+        Frame numbers, rising; nothing is smoothed across a gap.
+    smoothing : int
+        Frames of the fit, odd; 1 for none.
     """
     ids = list(_LIPS)
     model = mask.vertices[ids].astype(np.float64)
@@ -71,6 +88,7 @@ def lip_geometry(
         z = model @ pose[2, :3] + pose[2, 3]
         xy = (points[ids, :2] - [camera.cx, camera.cy]) * (z / camera.focal)[:, None]
         contours[i] = ((np.column_stack([xy, z]) - pose[:, 3]) @ pose[:, :3])[:, :2]
+    contours = smoothed_runs(contours, numbers, smoothing).astype(np.float32)
     outer = contours[:, : len(OUTER_LIPS)]
     extent = outer.max(axis=1) - outer.min(axis=1)
     upper, lower = (contours[:, [p[k] for p in _INNER_PAIRS], 1] for k in (0, 1))

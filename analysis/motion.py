@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import gaussian_filter
-from scipy.signal import savgol_filter
 
+from analysis.smoothing import smoothed
 from database.errors import FaceError
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 
@@ -202,9 +202,7 @@ def estimate_poses(
     chosen = settings or MotionSettings()
     n = len(landmarks)
     rigid = np.asarray(landmarks, dtype=np.float64)[:, list(RIGID), :2]
-    window = min(chosen.smoothing, n if n % 2 else n - 1)
-    if window >= 3:
-        rigid = savgol_filter(rigid, window, 2 if window > 3 else 1, axis=0)
+    rigid = smoothed(rigid, chosen.smoothing).astype(np.float64)
     model = mask.vertices[list(RIGID)].astype(np.float64)
     eyes = np.linalg.norm(
         np.diff(np.asarray(landmarks)[:, list(OUTER_EYE_CORNERS), :2], axis=1)[:, 0], axis=1

@@ -18,6 +18,9 @@ from database.errors import DatabaseError, UnitselError
 from database.schema import FIELDS, SCHEMA_NAME, SCHEMA_VERSION, Field
 
 HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+CACHE_BYTES: Final = 1 << 20
+"""Cache of chunks a dataset: small, as hardly a chunk is read twice in a row."""
+
 FIELD_OF: Final = {field.path: field for field in FIELDS}
 
 
@@ -54,16 +57,19 @@ def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
         If there is no such file, it is no database, its schema version is another, or its
         datasets are not those of the schema.
     """
-    if not path.exists():
-        raise DatabaseError(f"{path}: there is no such file; make one with `unitsel build`")
-    if path.is_dir():
-        raise DatabaseError(f"{path}: is a folder; give the database file in it")
     try:
         with path.open("rb") as stream:
             start = stream.read(len(HDF5_SIGNATURE))
-    except OSError as error:
+    except FileNotFoundError:
         raise DatabaseError(
-            f"{path}: cannot be read: {error.strerror}; check who may read it"
+            f"{path}: there is no such file; make one with `unitsel build`"
+        ) from None
+    except IsADirectoryError:
+        raise DatabaseError(f"{path}: is a folder; give the database file in it") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DatabaseError(
+            f"{path}: cannot be read: {reason}; check its name and rights"
         ) from error
     if not start:
         raise DatabaseError(f"{path}: is empty; build it again")
@@ -72,7 +78,7 @@ def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
             f"{path}: is no HDF5 file, so no database; give a file that `unitsel build` wrote"
         )
     with reading(path):
-        file = h5py.File(path, "r")
+        file = h5py.File(path, "r", rdcc_nbytes=CACHE_BYTES)
     try:
         _check_version(path, file)
         sizes: dict[str, int] = {}

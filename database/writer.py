@@ -1,16 +1,10 @@
-"""Writes a database: all of it or nothing.
-
-The file grows under a hidden name beside its place and is renamed when it is complete and on
-the disk, so that nobody ever meets half a database.
-"""
+"""Writes a database: all of it or nothing (see `database.outfile`)."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
 import platform
-import secrets
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields
@@ -25,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from database import checks
-from database.errors import DatabaseError, UnitselError
+from database.errors import DatabaseError
+from database.outfile import whole_file, writing
 from database.pictures import decode, find_codec
 from database.schema import (
     FIELDS,
@@ -102,90 +97,40 @@ def write_database(
     """
     path = Path(path)
     find_codec(codec)
-    if not path.parent.is_dir():
-        raise DatabaseError(f"{path}: there is no folder {path.parent}; create it first")
-    if path.is_dir():
-        raise DatabaseError(f"{path}: is a folder; give the name of a file in it")
     try:
         arrays, sizes = _prepare(content, landmarks)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise DatabaseError(f"{path}: not written: {error}") from error
-    _remove_leftovers(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(3)}.partial")
-    try:
-        with _writing(path):
-            spool = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 - closed below
-        with contextlib.closing(spool):
-            lengths = _spool(path, spool, pictures, sizes["N"], content, codec)
-            arrays["pictures/length"] = lengths
-            file = None
-            try:
-                with _writing(path):
-                    file = h5py.File(partial, "w", libver=FORMAT)
-                    _write_attributes(file, content.fps, codec, jobs)
-                    for f in FIELDS:
-                        if f.path != "pictures/data":
-                            _write_dataset(file, f, arrays[f.path])
-                for done in _write_pictures(path, file, spool, lengths):
-                    if progress is not None:
-                        progress(done, sizes["N"])
-                with _writing(path):
-                    file.flush()
-            finally:
-                if file is not None:
-                    with _writing(path):
-                        file.close()
-        with _writing(path):
-            _sync(partial)
-            partial.replace(path)
-            _sync(path.parent)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as sink, _spool_beside(path) as spool:
+        lengths = _fill(spool, path, pictures, sizes["N"], content, codec)
+        arrays["pictures/length"] = lengths
+        with writing(path):
+            file = h5py.File(sink, "w", libver=FORMAT)
+        with contextlib.closing(file):
+            with writing(path):
+                _write_attributes(file, content.fps, codec, jobs)
+                for f in FIELDS:
+                    if f.path != "pictures/data":
+                        _write_dataset(file, f, arrays[f.path])
+                        sink.check()
+            for done in _write_pictures(path, file, spool, lengths):
+                with writing(path):
+                    sink.check()
+                if progress is not None:
+                    progress(done, sizes["N"])
 
 
 @contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Turn the system's and HDF5's errors into one `DatabaseError`."""
+def _spool_beside(path: Path) -> Iterator[IO[bytes]]:
+    """Give a nameless file on the same disk, which vanishes even if this process is killed."""
+    with writing(path):
+        spool = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 - closed below
     try:
-        yield
-    except UnitselError:
-        raise
-    except (OSError, RuntimeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise DatabaseError(
-            f"{path}: cannot be written: {reason}; free some space there or choose another place"
-        ) from error
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file's or folder's content is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
+        yield spool
     finally:
-        os.close(handle)
-
-
-def _remove_leftovers(path: Path) -> None:
-    """Delete the partial files of writers that were killed."""
-    mark = f".{path.name}."
-    with contextlib.suppress(OSError):
-        for other in list(path.parent.iterdir()):
-            if not (other.name.startswith(mark) and other.name.endswith(".partial")):
-                continue
-            pid = other.name[len(mark) :].partition("-")[0]
-            if pid.isdecimal() and not _is_running(int(pid)):
-                other.unlink(missing_ok=True)
-
-
-def _is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        pass
-    return True
+        # What could not be written was told already.
+        with contextlib.suppress(OSError):
+            spool.close()
 
 
 def _prepare(
@@ -265,9 +210,9 @@ def _as_bytes(path: str, texts: Sequence[str]) -> Array:
     return np.array(encoded, dtype=f"S{max(1, longest)}")
 
 
-def _spool(
-    path: Path,
+def _fill(
     spool: IO[bytes],
+    path: Path,
     pictures: Iterable[bytes],
     n_units: int,
     content: DatabaseContent,
@@ -298,7 +243,7 @@ def _spool(
         if not how.signs(data[:16]):
             raise DatabaseError(f"{path}: not written: picture {n - 1} is not encoded as {codec}")
         lengths[n - 1] = len(data)
-        with _writing(path):
+        with writing(path):
             spool.write(data)
     if n < n_units:
         raise DatabaseError(f"{path}: not written: {n} pictures for {n_units} units")
@@ -338,7 +283,7 @@ def _write_pictures(
     path: Path, file: h5py.File, spool: IO[bytes], lengths: npt.NDArray[np.int32]
 ) -> Iterator[int]:
     """Write the spooled pictures, one padded chunk each, yielding how many are done."""
-    with _writing(path):
+    with writing(path):
         spool.seek(0)
         padded = int(lengths.max())
         dataset = file.create_dataset(
@@ -350,7 +295,7 @@ def _write_pictures(
         )
     for first in range(0, len(lengths), PICTURE_ROWS):
         batch = lengths[first : first + PICTURE_ROWS]
-        with _writing(path):
+        with writing(path):
             block = np.zeros((len(batch), padded), dtype=np.uint8)
             for row, length in zip(block, batch, strict=True):
                 row[:length] = np.frombuffer(spool.read(length), dtype=np.uint8)

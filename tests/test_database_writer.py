@@ -27,14 +27,14 @@ def made(makedb):
 
 
 def changed(content: DatabaseContent, part: str, name: str, at, value) -> DatabaseContent:
-    """The content with some entries of one field changed."""
+    """Take the content with some entries of one field changed."""
     array = np.array(getattr(getattr(content, part), name))
     array[at] = value
     return replace(content, **{part: replace(getattr(content, part), **{name: array})})
 
 
 def put(content: DatabaseContent, part: str, name: str, value) -> DatabaseContent:
-    """The content with one field replaced."""
+    """Take the content with one field replaced."""
     return replace(content, **{part: replace(getattr(content, part), **{name: value})})
 
 
@@ -47,7 +47,7 @@ FAULTS = {
         c, "units", "frame", c.units.frame.astype(np.float32)
     ),
     "units/frame holds values that int32 cannot": lambda c: put(
-        c, "units", "frame", c.units.frame + (1 << 40)
+        c, "units", "frame", c.units.frame.astype(np.int64) + (1 << 40)
     ),
     "units/teeth is of type bool": lambda c: put(c, "units", "teeth", c.units.teeth > 0),
     "units/teeth must lie in 0..1": lambda c: changed(c, "units", "teeth", 3, 1.5),
@@ -246,7 +246,7 @@ write_database(sys.argv[2], content, encoded, landmarks, progress=wait)
     assert sorted(p.name for p in tmp_path.iterdir()) == [running.name, "x.h5"]
 
 
-@pytest.mark.parametrize("limit", [1_000, 20_000, 60_000])
+@pytest.mark.parametrize("limit", [0, 1_000, 20_000, 60_000, 97_000, 104_000])
 def test_a_full_disk_is_one_error_and_leaves_nothing(tmp_path, limit):
     """The system's limit on a file's size stands in for the disk; both fail the write."""
     code = f"""
