@@ -187,8 +187,8 @@ def project(
         Pixels.
     """
     p = np.asarray(points, dtype=np.float64) @ pose[:, :3].T + pose[:, 3]
-    out: npt.NDArray[np.float64] = p[..., :2] * (camera.focal / p[..., 2:3])
-    return out + np.array([camera.cx, camera.cy])
+    seen = p[..., :2] * (camera.focal / p[..., 2:3])
+    return np.asarray(seen + np.array([camera.cx, camera.cy]), dtype=np.float64)
 
 
 def crop_map(
@@ -230,7 +230,6 @@ def cut_crop(
     (crop_height, crop_width, 3) uint8
     """
     where = crop_map(patch, pose, camera)
-    cut = cv2.remap(
-        picture, where, None, interpolation=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
+    x, y = np.ascontiguousarray(where[..., 0]), np.ascontiguousarray(where[..., 1])
+    cut = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cut, dtype=np.uint8)

@@ -57,7 +57,7 @@ class Colour:
         u = (np.array([0.0, 0.0, 1.0]) - luma) / (2 * (1 - blue))
         v = (np.array([1.0, 0.0, 0.0]) - luma) / (2 * (1 - red))
         scale = (1.0, 1.0, 1.0) if self.full_range else (219 / 255, 224 / 255, 224 / 255)
-        return (np.stack([luma, u, v]) * np.array(scale)[:, None]).astype(np.float32)
+        return np.asarray(np.stack([luma, u, v]) * np.array(scale)[:, None], dtype=np.float32)
 
     @property
     def offset(self) -> npt.NDArray[np.float32]:
@@ -107,7 +107,7 @@ def block_means(plane: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 def to_levels(values: npt.NDArray[np.floating]) -> UInt8Array:
     """Round to 0..255."""
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(values), 0, 255), dtype=np.uint8)
 
 
 def rgb_to_planes(rgb: UInt8Array, colour: Colour) -> Planes:

@@ -54,6 +54,7 @@ class Field:
     meaning: str
 
 
+# fmt: off
 FIELDS: Final[tuple[Field, ...]] = (
     Field("pictures/data", "uint8", ("N", "padded"), "bytes",
           "each unit's mouth crop as an encoded picture, padded with zeros to one length"),
@@ -114,6 +115,7 @@ FIELDS: Final[tuple[Field, ...]] = (
           "versions of unitsel and of the libraries that shaped the content, JSON"),
     Field("build/report", "string", (1,), "", "what the build skipped or repaired, JSON"),
 )
+# fmt: on
 """All datasets."""
 
 ATTRIBUTES: Final[dict[str, str]] = {

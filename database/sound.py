@@ -90,7 +90,7 @@ def probe_sound_duration(path: str | Path) -> float:
     n = sum(chunk.shape[1] for chunk in iter_sound(path, rate, layout))
     if n == 0:
         raise MediaError(f"{path}: its sound cannot be decoded; is the file complete?")
-    return n / rate
+    return float(n / rate)
 
 
 def sound_format(path: str | Path) -> tuple[int, str]:

@@ -35,7 +35,9 @@ def reading(path: Path) -> Iterator[None]:
     except DatabaseError:
         raise
     except (OSError, LookupError, RuntimeError, ValueError, TypeError, UnitselError) as error:
-        reason = " ".join(str(error.args[0] if error.args else error).split())
+        # A KeyError's text is its argument in quotes.
+        said = error.args[0] if isinstance(error, KeyError) and error.args else error
+        reason = " ".join(str(said).split())
         raise DatabaseError(
             f"{path}: damaged or cut short ({reason}); copy it again or build it again"
         ) from error

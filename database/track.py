@@ -28,7 +28,7 @@ CONTEXT_SECONDS = 0.2
 
 def frame_times(n_frames: int, fps: float) -> FloatArray:
     """Middles of the first `n_frames` frames, in seconds, shape (n_frames,)."""
-    return (np.arange(n_frames) + 0.5) / fps
+    return np.asarray((np.arange(n_frames) + 0.5) / fps, dtype=np.float64)
 
 
 def frame_count(duration: float, fps: float) -> int:

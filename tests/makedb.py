@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from database.cost_definition import feature_groups
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
@@ -59,7 +60,7 @@ def make_content(
     seed : int
         The same seed gives the same database.
     sequences, frames : int
-        Number of clips, and frames of each.
+        Number of clips, and frames of each; two units in all at least.
     fps : float
         Frame rate of the clips and the database.
     crop : (int, int)
@@ -307,21 +308,20 @@ def _costs(rng: np.random.Generator, shapes: np.ndarray, units: Units) -> CostMo
     apart = shapes[:, None] - shapes[None]
     distance = np.sqrt((gamma**2 * apart**2).sum(axis=2)) / gamma.sum()
     a, b = rng.integers(len(units), size=(2, 4000))
+    a, b = a[a != b], b[a != b]
+    apart = [
+        np.linalg.norm(group[a] - group[b], axis=1)
+        for group in feature_groups(units, units.pca.var(axis=0))
+    ]
+    # A database of silence shows no tongue: any scale will do for it.
+    scales = np.array([max(1e-3, float(np.sqrt(np.mean(d**2)))) for d in apart])
+    visual = np.mean([d / scale for d, scale in zip(apart, scales, strict=True)], axis=0)
     same = (units.viseme[a] == units.viseme[b]) & (units.viseme[a] != VISEME_OF[SILENCE])
-    a, b = a[same], b[same]
-    pca = np.sqrt((units.pca.var(axis=0) * (units.pca[a] - units.pca[b]) ** 2).sum(axis=1))
-    lips = np.hypot(
-        units.mouth_width[a] - units.mouth_width[b], units.mouth_height[a] - units.mouth_height[b]
-    )
-    teeth, tongue = (
-        np.abs(units.teeth[a] - units.teeth[b]),
-        np.abs(units.tongue[a] - units.tongue[b]),
-    )
-    scales = np.array([max(1e-3, float(np.median(d))) for d in (pca, lips, teeth, tongue)])
-    visual = sum(d / s for d, s in zip((pca, lips, teeth, tongue), scales, strict=True))
+    # Very small databases may have no two different frames of one spoken viseme.
+    visual = visual[same] if same.any() else visual
     return CostModel(
         phoneme_distance=distance.astype(np.float32),
         target_scale=float(np.median(distance[distance > 0])),
         feature_scales=scales,
-        visual_scale=float(np.median(visual)),
+        visual_scale=max(1e-3, float(np.median(visual))),
     )

@@ -160,7 +160,7 @@ def test_other_schema_versions_are_refused_with_the_remedy(copy, version, messag
         ),
         (lambda f: f.attrs.modify("fps", -25.0), "fps must be positive, is -25.0"),
         (lambda f: f.attrs.__setitem__("fps", "fast"), "could not convert"),
-        (lambda f: f.attrs.__delitem__("fps"), "damaged"),
+        (lambda f: f.attrs.__delitem__("fps"), "attribute: 'fps'"),
         (lambda f: f.attrs.__setitem__("codec", np.bytes_(b"bmp")), "its codec is 'bmp'"),
         (lambda f: f.attrs.__setitem__("codec", 3), "attribute codec is no text"),
         (lambda f: f.attrs.__setitem__("codec", np.bytes_(b"\xff")), "codec can't decode"),
@@ -198,7 +198,7 @@ def put(name: str, at, value):
         (put("texture/mean", 0, np.inf), "texture", "texture/mean holds a value"),
         (put("costs/phoneme_distance", (1, 2), -1), "costs", "holds a negative distance"),
         (put("costs/visual_scale", 0, 0), "costs", "must be positive"),
-        (put("build/settings", 0, b"{"), "settings", "damaged"),
+        (put("build/settings", 0, b"{"), "settings", "Expecting property name"),
         (put("build/report", 0, b"[]"), "report", "build/report is no JSON object"),
     ],
 )

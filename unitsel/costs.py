@@ -60,8 +60,8 @@ class Weights:
 
     target: float = 1.0
     concatenation: float = 1.0
-    visual: float = 1.0
-    skip: float = 0.1
+    visual: float = 0.05
+    skip: float = 0.08
 
     def __post_init__(self) -> None:
         for f in fields(self):
