@@ -107,7 +107,8 @@ def _spread(values: npt.NDArray[np.float64]) -> float:
     distances would measure noise.
     """
     spread = float(np.sqrt(2 * values.var(axis=0).sum()))
-    return spread if spread > 0 else 1.0
+    # A mean is rounded, so a value that never changes may seem to.
+    return spread if spread > 1e-9 * float(np.abs(values).max(initial=0)) else 1.0
 
 
 def _random_pairs(n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray]:

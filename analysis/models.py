@@ -65,10 +65,15 @@ def find_models(directory: str | Path | None = None) -> FaceModels:
     named = directory if directory is not None else os.environ.get(MODELS_ENV) or None
     if named is not None:
         return _checked(Path(named))
-    cache = Path(platformdirs.user_cache_dir("unitsel")) / "models"
+    cache = cache_folder()
     if not all((cache / name).is_file() for name in CHECKSUMS):
         _fetch(cache)
     return _checked(cache)
+
+
+def cache_folder() -> Path:
+    """Where fetched models are kept."""
+    return Path(platformdirs.user_cache_dir("unitsel")) / "models"
 
 
 def _checked(folder: Path) -> FaceModels:

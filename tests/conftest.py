@@ -1,4 +1,4 @@
-"""What several test files share: a made-up database, the corpus if there is one, a portrait."""
+"""What several test files share: databases made up or filmed, footage if there is any."""
 
 from __future__ import annotations
 
@@ -8,26 +8,73 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import cv2
-import matplotlib
 import numpy as np
 import pytest
+
+from analysis.build import BuildReport, build_database
+from analysis.face import FaceFinder
+from analysis.models import CHECKSUMS, MODELS_ENV, FaceModels, cache_folder, find_models
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 
 
-@pytest.fixture(scope="session")
-def makedb() -> ModuleType:
-    """Load `makedb.py` of this folder (importlib mode puts no test folder on the path)."""
-    name = "makedb"
+def _helper(name: str) -> ModuleType:
+    """Load a module of this folder (importlib mode puts no test folder on the path)."""
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, HERE / "makedb.py")
+        spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
         assert spec is not None and spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         spec.loader.exec_module(module)
     return sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def makedb() -> ModuleType:
+    """Give `makedb.py`: databases made up without footage."""
+    return _helper("makedb")
+
+
+@pytest.fixture(scope="session")
+def puppet() -> ModuleType:
+    """Give `puppet.py`: a talking person without footage."""
+    return _helper("puppet")
+
+
+@pytest.fixture(scope="session")
+def face_models() -> FaceModels:
+    """Find the face models without fetching them."""
+    there = os.environ.get(MODELS_ENV) or all((cache_folder() / n).is_file() for n in CHECKSUMS)
+    if not there:
+        pytest.skip("needs the face models: run python -m analysis.models, or `make setup`, once")
+    return find_models()
+
+
+@pytest.fixture
+def finder(face_models: FaceModels) -> FaceFinder:
+    """Give a face finder that has seen nothing yet."""
+    return FaceFinder(face_models)
+
+
+@pytest.fixture(scope="session")
+def puppet_corpus(puppet: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a corpus of the puppet; tests read it and leave it as it is."""
+    return puppet.make_corpus(tmp_path_factory.mktemp("puppet"))
+
+
+@pytest.fixture(scope="session")
+def puppet_report(
+    puppet_corpus: Path, face_models: FaceModels, tmp_path_factory: pytest.TempPathFactory
+) -> BuildReport:
+    """Build a database from the puppet's corpus."""
+    return build_database(puppet_corpus, tmp_path_factory.mktemp("built") / "puppet.h5", jobs=1)
+
+
+@pytest.fixture(scope="session")
+def puppet_db(puppet_report: BuildReport) -> Path:
+    """Give the database of the puppet; tests read it and leave it as it is."""
+    return puppet_report.path
 
 
 @pytest.fixture(scope="session")
@@ -57,9 +104,6 @@ def heldout() -> Path:
 
 
 @pytest.fixture(scope="session")
-def portrait() -> np.ndarray:
+def portrait(puppet: ModuleType) -> np.ndarray:
     """Grace Hopper, (height, width, 3) uint8 RGB: a real face, mouth closed."""
-    path = Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg"
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    assert picture is not None, path
-    return picture
+    return puppet.portrait()

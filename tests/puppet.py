@@ -180,6 +180,7 @@ def portrait() -> np.ndarray:
     path = Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg"
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     assert picture is not None, path
+    picture.setflags(write=False)
     return picture
 
 

@@ -201,12 +201,15 @@ def test_readme_lists_the_timing_formats() -> None:
     assert rows == expected, "make the table anew from database.timing.timing_formats()"
 
 
-def _commands() -> dict[str, list[str]]:
-    """Commands of README's synopsis, each with its options."""
-    found = {}
-    for line in re.findall(r"^ {0,4}unitsel ([a-z]+ .+)$", README, re.MULTILINE):
-        name, _, rest = line.partition(" ")
-        found.setdefault(name, []).extend(re.findall(r"(?<!\w)--?[a-z]+", rest))
+def _commands() -> dict[str, set[str]]:
+    """Commands in README's blocks of code, each with its options."""
+    found: dict[str, set[str]] = {}
+    for block in re.findall(r"^```(?:sh|text)\n(.*?)^```", README, re.MULTILINE | re.DOTALL):
+        lines = re.sub(r"\n {8,}", " ", block).splitlines()
+        for line in lines:
+            if match := re.match(r"unitsel ([a-z]+) ([^#]+)", line):
+                options = re.findall(r"(?<![\w-])--?[a-z]+", match[2])
+                found.setdefault(match[1], set()).update(options)
     return found
 
 
@@ -216,6 +219,7 @@ def test_readme_names_real_commands_and_options() -> None:
     commands = _commands()
     assert set(commands) == {c.__name__.rpartition(".")[2] for c in COMMANDS}
     for name, options in commands.items():
+        assert options, name
         done = subprocess.run(
             [sys.executable, "-m", "unitsel", name, "--help"],
             capture_output=True,
@@ -240,8 +244,8 @@ def test_contributing_draws_every_module() -> None:
     for line in picture.splitlines():
         if heading := re.match(r"(\w+)/", line):
             floor = heading[1]
-        drawn.setdefault(floor, set()).update(re.findall(r"\b([a-z]\w*(?:\.py|/))", line))
-    drawn = {f: {n for n in names if n != f"{f}/"} for f, names in drawn.items() if f}
+        drawn.setdefault(floor, set()).update(re.findall(r"(?<![\w.])(\w+(?:\.py|/))", line))
+    drawn = {f: names - {f"{f}/", "__init__.py"} for f, names in drawn.items() if f}
     real = {
         floor: {
             p.name + ("/" if p.is_dir() else "")
