@@ -313,7 +313,7 @@ def _checked(sound: Sound, words: Sequence[str], name: str) -> npt.NDArray[np.fl
 
 def _prepared(samples: npt.NDArray[np.float32], attempt: Attempt) -> bytes:
     pad = round(attempt.pad * RATE)
-    scaled = np.pad(samples.astype(np.float64) * 32767, pad)
+    scaled = np.pad(np.nan_to_num(samples.astype(np.float64)) * 32767, pad)
     # A fixed seed: the same clip is aligned the same way in every build.
     scaled += np.random.default_rng(0).normal(0, attempt.dither, len(scaled))
     return np.clip(np.round(scaled), -32768, 32767).astype("<i2").tobytes()

@@ -12,43 +12,35 @@ import tempfile
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
-import numpy.typing as npt
 from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from analysis.align import Aligner, AlignSettings
+from analysis.assemble import assemble
 from analysis.clip import AnalysedClip, analyse_clip
 from analysis.corpus import Clip, find_clips
-from analysis.cost_model import fit_cost_model
 from analysis.face import FaceFinder, FaceSettings
 from analysis.g2p import speaking_lexicon
+from analysis.lag import LagSettings
 from analysis.models import FaceModels, find_models
 from analysis.motion import CropSettings, MotionSettings
 from analysis.person import find_person
 from analysis.shards import Shard, read_shard, write_shard
 from analysis.texture import (
     TextureSettings,
-    fit_texture,
-    lighting_of,
-    normalise,
-    texture_weights,
 )
 from database.errors import CorpusError, DatabaseError, UnitselError
 from database.lexicon import Lexicon
 from database.mask import Camera, Mask
 from database.media import probe
-from database.phonemes import VISEME_OF
 from database.pictures import find_codec
-from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Units
-from database.track import context_frames, context_windows
 from database.writer import write_database
 
 Progress = Callable[[str, int, int], None]
@@ -65,7 +57,7 @@ class BuildSettings:
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
         Codec of the stored pictures.
-    face, motion, crop, texture, align
+    face, motion, crop, texture, align, lag
         Settings of the steps.
     """
 
@@ -76,6 +68,7 @@ class BuildSettings:
     crop: CropSettings = field(default_factory=CropSettings)
     texture: TextureSettings = field(default_factory=TextureSettings)
     align: AlignSettings = field(default_factory=AlignSettings)
+    lag: LagSettings = field(default_factory=LagSettings)
 
 
 @dataclass(frozen=True)
@@ -200,7 +193,17 @@ def build_database(
     try:
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as folder:
             shards = _analyse(usable, common, Path(folder), jobs, skipped, tell)
-            content, landmarks = _assemble(shards, common, skipped, tell)
+            content, landmarks = assemble(
+                shards,
+                mask=mask,
+                camera=camera,
+                fps=fps,
+                texture=chosen.texture,
+                lag=chosen.lag,
+                settings=asdict(chosen),
+                skipped=skipped,
+                tell=tell,
+            )
             write_database(
                 target,
                 content,
@@ -217,7 +220,7 @@ def build_database(
         len(content.units),
         len(content.sequences),
         tuple(skipped.items()),
-        tuple((s.name, note) for s in shards for note in s.notes),
+        tuple((r["clip"], r["note"]) for r in content.report["repaired"]),
         time.monotonic() - started,
     )
 
@@ -320,107 +323,3 @@ def _analyse(
 
 def _numbered(i: int, clip: Clip, common: _Common, path: Path) -> tuple[int, Shard | str]:
     return i, _analyse_into(clip, common, path)
-
-
-def _assemble(
-    shards: Sequence[Shard], common: _Common, skipped: dict[str, str], tell: Progress
-) -> tuple[DatabaseContent, npt.NDArray[np.float32]]:
-    """All that the database keeps but pictures, and the landmarks."""
-    tell("describing mouths", 0, len(shards))
-    opened = [read_shard(s.path) for s in shards]
-    counts = np.array([s.units for s in shards], np.int32)
-    reference = np.mean([s.clip_mean for s in shards], axis=0).astype(np.float32)
-    lighting = np.stack([lighting_of(s.clip_mean, reference) for s in shards])
-
-    def crops() -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        for i, shard in enumerate(opened):
-            yield i, normalise(shard["reduced"], lighting[i])
-
-    def joined(name: str) -> npt.NDArray[Any]:
-        return np.concatenate([shard[name] for shard in opened])
-
-    heights = joined("mouth_height")
-    texture = _fit_texture(crops(), counts, heights, reference, common.settings.texture)
-    pca = []
-    for i, normalised in crops():
-        pca.append(texture_weights(normalised, texture))
-        tell("describing mouths", i + 1, len(shards))
-
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
-    n = context_frames(common.fps)
-    contexts = []
-    for shard, analysed in zip(shards, opened, strict=True):
-        sampled = shard.track.sample(common.fps, shard.frames)
-        contexts.append(context_windows(sampled, n)[analysed["frame"]])
-    context = np.concatenate(contexts)
-    phoneme = context[:, n]
-    units = Units(
-        sequence=np.repeat(np.arange(len(shards), dtype=np.int32), counts),
-        frame=joined("frame"),
-        phoneme=phoneme,
-        viseme=VISEME_OF[phoneme],
-        pca=np.concatenate(pca),
-        mouth_width=joined("mouth_width"),
-        mouth_height=heights,
-        inner_opening=joined("inner_opening"),
-        teeth=joined("teeth"),
-        tongue=joined("tongue"),
-        rotation=joined("rotation"),
-        translation=joined("translation"),
-    )
-    sequences = Sequences(
-        name=tuple(s.name for s in shards),
-        words=tuple(s.words for s in shards),
-        media=tuple(s.media for s in shards),
-        sha256=tuple(s.sha256 for s in shards),
-        fps=np.array([s.fps for s in shards], np.float32),
-        frames=np.array([s.frames for s in shards], np.int32),
-        first_unit=first,
-        units=counts,
-        lighting=lighting,
-    )
-    tracks = [s.track for s in shards]
-    phones = Phones(
-        sequence=np.repeat(
-            np.arange(len(tracks), dtype=np.int32), [len(t.phonemes) for t in tracks]
-        ),
-        phoneme=np.concatenate([t.phonemes for t in tracks]).astype(np.uint8),
-        start=np.concatenate([t.boundaries[:-1] for t in tracks]),
-        end=np.concatenate([t.boundaries[1:] for t in tracks]),
-    )
-    report = {
-        "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
-        "repaired": [{"clip": s.name, "note": note} for s in shards for note in s.notes],
-    }
-    content = DatabaseContent(
-        fps=common.fps,
-        units=units,
-        sequences=sequences,
-        phones=phones,
-        mask=common.mask,
-        camera=common.camera,
-        texture=texture,
-        costs=fit_cost_model(units, context, texture.eigenvalues, common.fps),
-        settings=asdict(common.settings),
-        report=report,
-    )
-    return content, joined("landmarks")
-
-
-def _fit_texture(
-    crops: Iterator[tuple[int, npt.NDArray[np.float32]]],
-    counts: npt.NDArray[np.int32],
-    heights: npt.NDArray[np.float32],
-    reference: npt.NDArray[np.float32],
-    settings: TextureSettings,
-) -> TextureModel:
-    """Principal components of a random sample of all frames."""
-    total = int(counts.sum())
-    rng = np.random.default_rng(settings.seed)
-    chosen = np.sort(rng.choice(total, min(settings.sample, total), replace=False))
-    ends = np.cumsum(counts)
-    sample = []
-    for i, normalised in crops:
-        mine = chosen[(chosen >= ends[i] - counts[i]) & (chosen < ends[i])]
-        sample.append(normalised[mine - (ends[i] - counts[i])])
-    return fit_texture(np.concatenate(sample), heights[chosen], reference, settings)

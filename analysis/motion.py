@@ -202,7 +202,7 @@ def estimate_poses(
     chosen = settings or MotionSettings()
     n = len(landmarks)
     rigid = np.asarray(landmarks, dtype=np.float64)[:, list(RIGID), :2]
-    rigid = smoothed(rigid, chosen.smoothing).astype(np.float64)
+    rigid = np.ascontiguousarray(smoothed(rigid, chosen.smoothing), dtype=np.float64)
     model = mask.vertices[list(RIGID)].astype(np.float64)
     eyes = np.linalg.norm(
         np.diff(np.asarray(landmarks)[:, list(OUTER_EYE_CORNERS), :2], axis=1)[:, 0], axis=1

@@ -77,11 +77,11 @@ def _clip_count() -> int:
 
 
 def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
-    out.mkdir(exist_ok=True)
     clips = find_clips(corpus)
     if len(clips) < 3:
         raise CorpusError(f"{corpus}: holds {len(clips)} clips; the demo needs at least 3")
     left_out = clips[len(clips) // 2]
+    out.mkdir(exist_ok=True)
     print(f"Building out/demo.h5 from {min(count, len(clips) - 1)} clips of {corpus}.")
     report = build_database(
         corpus,

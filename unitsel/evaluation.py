@@ -326,7 +326,7 @@ def evaluate(
     Raises
     ------
     CorpusError
-        If a clip is part of the database, or none can be used.
+        If no clip can be used; one that is part of the database cannot.
     """
     clips = find_clips(heldout, limit=limit)
     evaluator = Evaluator(database, models=models, dictionary=dictionary)
@@ -338,7 +338,10 @@ def evaluate(
             progress("evaluating", i, len(clips))
         try:
             if sha256_of(clip.media) in known:
-                raise CorpusError(f"{clip.media}: is part of the database, so it tests nothing")
+                raise CorpusError(
+                    f"{clip.media}: is part of the database, so it tests nothing; build without "
+                    f"it (--exclude {clip.name})"
+                )
             target = evaluator.target(clip)
             sentences.append(evaluator.compare(target, weights or Weights()))
         except UnitselError as error:

@@ -31,6 +31,8 @@ def plots_folder(folder: str | Path) -> Path:
         If it cannot be made.
     """
     path = Path(folder)
+    if path.exists() and not path.is_dir():
+        raise UnitselError(f"{path}: is a file; name a folder for the plots")
     try:
         path.mkdir(exist_ok=True)
     except OSError as error:

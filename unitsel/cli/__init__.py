@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import unitsel
 from database.errors import UnitselError
@@ -21,9 +22,21 @@ DEBUG_ENV = "UNITSEL_DEBUG"
 """Environment variable that asks for tracebacks."""
 
 
+class UsageError(UnitselError):
+    """Arguments that no command takes."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are told as all others are: in one line, or as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise, where argparse would print the usage and exit."""
+        raise UsageError(f"{message}; see {self.prog} --help")
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line, for `main` and for its tests."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="unitsel",
         description="Image-based talking heads by unit selection: a real person's mouth.",
     )
@@ -40,9 +53,11 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status is 0, or 2 for input that cannot be used."""
-    options = parser().parse_args(arguments)
-    output = Output(json=options.json)
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    output = Output(json="--json" in given)
     try:
+        options = parser().parse_args(given)
+        output.json = options.json
         options.run(options, output)
     except UnitselError as error:
         if os.environ.get(DEBUG_ENV):

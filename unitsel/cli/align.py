@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from database.timing import Timing, write_timing
-from unitsel.cli.arguments import Commands, add_dictionary
+from database.timing import Timing, timing_extensions, write_timing
+from unitsel.cli.arguments import Commands, add_dictionary, check_output
 from unitsel.cli.output import Output
 from unitsel.speech_track import align_media
 
@@ -27,6 +27,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, output: Output) -> None:
     """Align, write and report."""
+    check_output(options.output, timing_extensions())
     alignment = align_media(options.media, options.words, dictionary=options.dictionary)
     write_timing(options.output, Timing(alignment.track, alignment.words))
     phones = alignment.track.intervals()

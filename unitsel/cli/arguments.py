@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from database.errors import UnitselError
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -49,3 +53,20 @@ def add_dictionary(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="pronunciations to add to the CMU dictionary's: WORD PHONES a line",
     )
+
+
+def check_output(name: str, extensions: Collection[str]) -> None:
+    """Refuse an output that cannot be written, before the work and not after it.
+
+    Raises
+    ------
+    UnitselError
+        If the extension is none of these, the folder does not exist, or it is a folder itself.
+    """
+    path = Path(name)
+    if path.suffix.lower() not in extensions:
+        raise UnitselError(f"{path}: give it one of the extensions {', '.join(extensions)}")
+    if not path.parent.is_dir():
+        raise UnitselError(f"{path}: the folder {path.parent} does not exist; make it first")
+    if path.is_dir():
+        raise UnitselError(f"{path}: is a folder; name a file")

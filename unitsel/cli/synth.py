@@ -6,7 +6,8 @@ import argparse
 
 from database.reader import open_database
 from database.timing import read_timing
-from unitsel.cli.arguments import Commands, add_models, positive_number
+from database.video_writer import SUFFIXES
+from unitsel.cli.arguments import Commands, add_models, check_output, positive_number
 from unitsel.cli.output import Output
 from unitsel.costs import Weights
 from unitsel.measures import joins
@@ -41,6 +42,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, output: Output) -> None:
     """Select, render, write and report."""
+    check_output(options.output, SUFFIXES)
     weights = Weights() if options.weights is None else Weights.read(options.weights)
     timing = read_timing(options.timing)
     with open_database(options.database) as database:

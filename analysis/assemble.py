@@ -1,0 +1,186 @@
+"""Analysed clips into a database's content: what depends on all clips together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.cost_model import fit_cost_model
+from analysis.lag import LagSettings, find_lags, moved
+from analysis.shards import Shard, read_shard
+from analysis.texture import (
+    TextureSettings,
+    fit_texture,
+    lighting_of,
+    normalise,
+    texture_weights,
+)
+from database.mask import Camera, Mask
+from database.phonemes import VISEME_OF
+from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Units
+from database.track import PhonemeTrack, context_frames, context_windows
+
+
+def assemble(
+    shards: Sequence[Shard],
+    *,
+    mask: Mask,
+    camera: Camera,
+    fps: float,
+    texture: TextureSettings,
+    lag: LagSettings,
+    settings: dict[str, Any],
+    skipped: dict[str, str],
+    tell: Callable[[str, int, int], None],
+) -> tuple[DatabaseContent, npt.NDArray[np.float32]]:
+    """All that a database keeps but pictures, and the landmarks.
+
+    Parameters
+    ----------
+    shards : sequence of Shard
+        The analysed clips, in order.
+    mask, camera, fps
+        Of the database.
+    texture, lag
+        Settings of what depends on all clips.
+    settings : dict
+        All settings of the build, for the record.
+    skipped : dict
+        Clips left out, and why.
+    tell : callable
+        Progress: stage, done, total.
+
+    Returns
+    -------
+    content : DatabaseContent
+    landmarks : (N, 468, 2) float32
+    """
+    tell("describing mouths", 0, len(shards))
+    opened = [read_shard(s.path) for s in shards]
+    counts = np.array([s.units for s in shards], np.int32)
+    reference = np.mean([s.clip_mean for s in shards], axis=0).astype(np.float32)
+    lighting = np.stack([lighting_of(s.clip_mean, reference) for s in shards])
+
+    def crops() -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
+        for i, shard in enumerate(opened):
+            yield i, normalise(shard["reduced"], lighting[i])
+
+    def joined(name: str) -> npt.NDArray[Any]:
+        return np.concatenate([shard[name] for shard in opened])
+
+    heights = joined("mouth_height")
+    model = _fit_texture(crops(), counts, heights, reference, texture)
+    pca = []
+    for i, normalised in crops():
+        pca.append(texture_weights(normalised, model))
+        tell("describing mouths", i + 1, len(shards))
+
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
+    frames = [shard["frame"] for shard in opened]
+    tracks, notes = _in_step(shards, frames, np.split(heights, first[1:]), pca, fps, lag)
+    n = context_frames(fps)
+    contexts = [
+        context_windows(track.sample(fps, shard.frames), n)[numbers]
+        for track, shard, numbers in zip(tracks, shards, frames, strict=True)
+    ]
+    context = np.concatenate(contexts)
+    phoneme = context[:, n]
+    units = Units(
+        sequence=np.repeat(np.arange(len(shards), dtype=np.int32), counts),
+        frame=np.concatenate(frames),
+        phoneme=phoneme,
+        viseme=VISEME_OF[phoneme],
+        pca=np.concatenate(pca),
+        mouth_width=joined("mouth_width"),
+        mouth_height=heights,
+        inner_opening=joined("inner_opening"),
+        teeth=joined("teeth"),
+        tongue=joined("tongue"),
+        rotation=joined("rotation"),
+        translation=joined("translation"),
+    )
+    sequences = Sequences(
+        name=tuple(s.name for s in shards),
+        words=tuple(s.words for s in shards),
+        media=tuple(s.media for s in shards),
+        sha256=tuple(s.sha256 for s in shards),
+        fps=np.array([s.fps for s in shards], np.float32),
+        frames=np.array([s.frames for s in shards], np.int32),
+        first_unit=first,
+        units=counts,
+        lighting=lighting,
+    )
+    phones = Phones(
+        sequence=np.repeat(
+            np.arange(len(tracks), dtype=np.int32), [len(t.phonemes) for t in tracks]
+        ),
+        phoneme=np.concatenate([t.phonemes for t in tracks]).astype(np.uint8),
+        start=np.concatenate([t.boundaries[:-1] for t in tracks]),
+        end=np.concatenate([t.boundaries[1:] for t in tracks]),
+    )
+    report = {
+        "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
+        "repaired": [{"clip": c, "note": note} for c, note in notes],
+    }
+    content = DatabaseContent(
+        fps=fps,
+        units=units,
+        sequences=sequences,
+        phones=phones,
+        mask=mask,
+        camera=camera,
+        texture=model,
+        costs=fit_cost_model(units, context, model.eigenvalues, fps),
+        settings=settings,
+        report=report,
+    )
+    return content, joined("landmarks")
+
+
+def _in_step(
+    shards: Sequence[Shard],
+    frames: Sequence[npt.NDArray[np.int32]],
+    heights: Sequence[npt.NDArray[np.float32]],
+    pca: Sequence[npt.NDArray[np.float32]],
+    fps: float,
+    lag_settings: LagSettings,
+) -> tuple[list[PhonemeTrack], tuple[tuple[str, str], ...]]:
+    """Tracks in step with the picture, and all repairs, clip by clip."""
+    expected = [np.column_stack([h, p[:, 0]]) for h, p in zip(heights, pca, strict=True)]
+    original = [s.track for s in shards]
+    lags = find_lags(original, frames, expected, fps, lag_settings)
+    tracks = []
+    notes = []
+    for shard, lag in zip(shards, lags, strict=True):
+        notes += [(shard.name, note) for note in shard.notes]
+        if lag == 0.0:
+            tracks.append(shard.track)
+            continue
+        tracks.append(moved(shard.track, lag, shard.frames / fps))
+        side = "later" if lag > 0 else "earlier"
+        notes.append(
+            (shard.name, f"lips move {abs(lag):.2f} s {side} than the sound; phones moved")
+        )
+    return tracks, tuple(notes)
+
+
+def _fit_texture(
+    crops: Iterator[tuple[int, npt.NDArray[np.float32]]],
+    counts: npt.NDArray[np.int32],
+    heights: npt.NDArray[np.float32],
+    reference: npt.NDArray[np.float32],
+    settings: TextureSettings,
+) -> TextureModel:
+    """Principal components of a random sample of all frames."""
+    total = int(counts.sum())
+    rng = np.random.default_rng(settings.seed)
+    chosen = np.sort(rng.choice(total, min(settings.sample, total), replace=False))
+    ends = np.cumsum(counts)
+    sample = []
+    for i, normalised in crops:
+        mine = chosen[(chosen >= ends[i] - counts[i]) & (chosen < ends[i])]
+        sample.append(normalised[mine - (ends[i] - counts[i])])
+    return fit_texture(np.concatenate(sample), heights[chosen], reference, settings)

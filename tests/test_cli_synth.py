@@ -1,0 +1,211 @@
+"""``unitsel synth``: timing files in, videos out, over the puppet's database."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+
+import av
+import pytest
+
+from database.media import probe, snap_rate
+from database.sound import read_sound
+from database.timing import Timing, WordTrack, write_timing
+from database.track import Interval, PhonemeTrack, frame_count
+from unitsel.cli import main
+from unitsel.costs import Weights
+
+Run = Callable[..., tuple[int, str, str]]
+
+KEYS = {
+    *("video", "background", "frames", "fps", "seconds", "segments", "cost", "fallbacks"),
+}
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Call the command in this process: exit status, standard output, standard error."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        status = main([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def synth(run: Run, puppet_db: Path, tmp_path: Path) -> Callable[..., dict[str, object]]:
+    """Synthesize into out.mp4 and give the JSON object."""
+
+    def call(*arguments: object) -> dict[str, object]:
+        output = tmp_path / "out.mp4"
+        status, out, err = run("synth", puppet_db, *arguments, "-o", output, "--json")
+        assert (status, err) == (0, ""), err
+        assert out.count("\n") == 1
+        document = json.loads(out)
+        assert set(document) == KEYS
+        assert document["video"] == str(output)
+        assert document["frames"] == len(_times(output))
+        assert document["seconds"] == pytest.approx(document["frames"] / document["fps"], abs=1e-4)
+        assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+        return document
+
+    return call
+
+
+def _times(video: Path) -> list[Fraction]:
+    """Time of each frame of a video, in seconds."""
+    with av.open(str(video)) as container:
+        frames = list(container.decode(video=0))
+    return [f.pts * f.time_base for f in frames]
+
+
+@pytest.fixture
+def timing() -> Timing:
+    """``bin blue`` in whole hundredths of a second, which every format can write."""
+    said = ["sil", "b", "ih", "n", "b", "l", "uw", "sil"]
+    ends = [0.1, 0.18, 0.25, 0.31, 0.38, 0.46, 0.6, 0.7]
+    phones = [
+        Interval(a, b, p) for a, b, p in zip([0.0, *ends[:-1]], ends, said, strict=True)
+    ]
+    words = WordTrack(("bin", "blue"), (0.1, 0.31), (0.31, 0.6), 0.7)
+    return Timing(PhonemeTrack.from_intervals(phones), words)
+
+
+@pytest.fixture
+def grid(timing: Timing, tmp_path: Path) -> Path:
+    """Give the timing as a TextGrid."""
+    write_timing(tmp_path / "say.TextGrid", timing)
+    return tmp_path / "say.TextGrid"
+
+
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [
+        ("say.TextGrid", "textgrid-short"),
+        ("say.lab", "htk"),
+        ("say.pho", "mbrola"),
+        ("say.csv", "csv"),
+        ("say.csv", "mfa-csv"),
+        ("say.json", "mfa-json"),
+        ("say.json", "pocketsphinx"),
+    ],
+)
+def test_every_format_says_the_same(
+    name: str, format: str, timing: Timing, grid: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    expected = synth(grid)
+    write_timing(tmp_path / name, timing, format)
+    found = synth(tmp_path / name)
+    assert found["frames"] == frame_count(0.7, 25)
+    assert found == expected
+
+
+def test_words_alone_are_pronounced_by_the_dictionary(
+    timing: Timing, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    assert timing.words is not None
+    write_timing(tmp_path / "say.align", timing.words)
+    found = synth(tmp_path / "say.align")
+    assert found["frames"] == frame_count(0.7, 25)
+    assert found["segments"] >= 1
+
+
+def test_words_with_sound_are_aligned_to_it(
+    puppet: ModuleType, puppet_corpus: Path, run: Run, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    if not puppet.can_speak():
+        pytest.skip("needs speech: install the extra, unitsel[espeak]")
+    name, sentence = next(iter(puppet.SPOKEN.items()))
+    clip = puppet_corpus / f"{name}.mp4"
+    words = tmp_path / "said.align"
+    assert run("align", clip, puppet_corpus / f"{name}.txt", "-o", words)[0] == 0
+    assert len(words.read_text().splitlines()) >= len(sentence.split())
+    found = synth(words, "--audio", clip)
+    assert found["frames"] == frame_count(read_sound(clip).duration, 25)
+    aligned = tmp_path / "phones.TextGrid"
+    assert run("align", clip, words, "-o", aligned)[0] == 0
+    # With the sound, words mean the phones that align finds for them.
+    assert synth(aligned, "--audio", clip)["cost"] == pytest.approx(found["cost"])
+    assert synth(words)["cost"] != pytest.approx(found["cost"])
+
+
+@pytest.mark.parametrize("fps", ["25", "29.97", "30", "50"])
+def test_frame_times_are_exact_and_the_sound_is_there(
+    fps: str, grid: Path, puppet_corpus: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    clip = puppet_corpus / "hopper1.mp4"
+    found = synth(grid, "--fps", fps, "--audio", clip)
+    rate = snap_rate(float(fps))
+    assert found["fps"] == pytest.approx(float(rate))
+    # The sound lasts longer than the phones, so it gives the length.
+    length = read_sound(clip).duration
+    assert length > 1.5
+    times = _times(tmp_path / "out.mp4")
+    assert len(times) == frame_count(length, float(rate))
+    assert all(abs(t - i / rate) < Fraction(1, 50000) for i, t in enumerate(times))
+    info = probe(tmp_path / "out.mp4")
+    assert info.has_sound
+    assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(length, abs=0.06)
+
+
+def test_without_audio_there_is_no_sound(
+    grid: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    synth(grid)
+    assert not probe(tmp_path / "out.mp4").has_sound
+
+
+def test_sound_shorter_than_the_phones_is_followed_by_silence(
+    puppet: ModuleType, puppet_corpus: Path, grid: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    track, words = puppet.even_track("bin blue at f two now", 0.2, 2.2)
+    write_timing(tmp_path / "long.TextGrid", Timing(track, words))
+    found = synth(tmp_path / "long.TextGrid", "--audio", puppet_corpus / "hopper1.mp4")
+    assert found["frames"] == frame_count(track.end, 25)
+    assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(track.end, abs=0.06)
+
+
+def test_background_of_the_database_and_of_other_footage(
+    puppet: ModuleType, puppet_corpus: Path, grid: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    own = puppet_corpus / "hopper3.mp4"
+    assert synth(grid, "--background", own)["background"] == str(own)
+    track, _ = puppet.even_track("bin", 0.2, 0.3)
+    other = tmp_path / "other.mp4"
+    puppet.write_clip(other, track, None, 77)
+    found = synth(grid, "--background", other)
+    assert found["background"] == str(other)
+    assert found["frames"] == frame_count(0.7, 25)
+    info = probe(tmp_path / "out.mp4")
+    assert (info.width, info.height) == (puppet.WIDTH, puppet.HEIGHT)
+
+
+def test_a_viseme_without_units_is_reported(
+    grid: Path, run: Run, puppet_db: Path, synth: Callable[..., dict], tmp_path: Path
+) -> None:
+    assert synth(grid)["fallbacks"] == []
+    path = tmp_path / "joy.lab"
+    path.write_text("0 2000000 sil\n2000000 5000000 oy\n5000000 7000000 sil\n")
+    fallbacks = synth(path)["fallbacks"]
+    assert len(fallbacks) == 1
+    assert fallbacks[0].startswith("no unit shows oy")
+    status, out, err = run("synth", puppet_db, path, "-o", tmp_path / "out.mp4")
+    assert (status, err) == (0, "")
+    assert fallbacks[0] in out.splitlines()
+    assert f"{tmp_path / 'out.mp4'}: {frame_count(0.7, 25)} frames at 25 a second" in out
+
+
+def test_weights_of_a_file_are_used(grid: Path, synth: Callable[..., dict], tmp_path: Path) -> None:
+    plain = synth(grid)
+    assert synth(grid) == plain
+    Weights().write(tmp_path / "same.json")
+    assert synth(grid, "--weights", tmp_path / "same.json") == plain
+    Weights(target=1, concatenation=0).write(tmp_path / "phones.json")
+    found = synth(grid, "--weights", tmp_path / "phones.json")
+    assert found["segments"] > plain["segments"]
+    assert found["cost"] < plain["cost"]
