@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ import numpy as np
 from analysis.align import Aligner, Alignment
 from database.errors import CorpusError, TimingError
 from database.sound import Sound
-from database.timing import read_timing, read_words, timing_extensions
+from database.timing import Timing, read_timing, read_words, timing_extensions
 from database.timing.words import WordTrack
 from database.track import Interval, PhonemeTrack
 
@@ -143,26 +144,23 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
         )
     timed: WordTrack | None = None
     plain: list[str] | None = None
-    complaint: TimingError | None = None
+    complaints: list[TimingError] = []
     for script in sorted(clip.scripts, key=lambda p: (p.suffix.lower() == ".txt", p.name)):
-        if script.suffix.lower() == ".txt":
-            plain = read_words(script)
-            continue
         try:
-            timing = read_timing(script)
+            timing = _read_script(script)
         except TimingError as error:
-            if script.suffix.lower() == ".lab":
-                plain = read_words(script)
-                continue
-            complaint = complaint or error
+            complaints.append(error)
             continue
-        if timing.phones is not None:
+        if isinstance(timing, list):
+            plain = plain or timing
+        elif timing.phones is not None:
             track = fitted(timing.phones, duration)
             words = timing.words or WordTrack(("-",), (track.start,), (track.end,), duration)
-            return Alignment(track, words, 0)
-        timed = timed or timing.words
+            return Alignment(track, words, 0, _unused(complaints))
+        else:
+            timed = timed or timing.words
     if timed is None and plain is None:
-        raise complaint or CorpusError(f"{clip.media}: has no words")
+        raise complaints[0] if complaints else CorpusError(f"{clip.media}: has no words")
     if sound is None:
         raise CorpusError(
             f"{clip.media}: has no sound, so its words cannot be timed; put a phone-level timing "
@@ -173,7 +171,26 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
     else:
         found = aligner.align(sound, plain or [], name=clip.name)
     # Sound and picture seldom end together.
-    return replace(found, track=fitted(found.track, duration))
+    notes = (*_unused(complaints), *found.notes)
+    return replace(found, track=fitted(found.track, duration), notes=notes)
+
+
+def _read_script(script: Path) -> Timing | list[str]:
+    """What a script holds: times, or words alone."""
+    if script.suffix.lower() == ".txt":
+        return read_words(script)
+    try:
+        return read_timing(script)
+    except TimingError as error:
+        if script.suffix.lower() == ".lab":
+            with suppress(TimingError):  # Words may stand in it, too; else the first error counts.
+                return read_words(script)
+        raise error
+
+
+def _unused(complaints: Sequence[TimingError]) -> tuple[str, ...]:
+    """Notes on scripts that could not be read while another could."""
+    return tuple(f"not used: {error}" for error in complaints)
 
 
 def fitted(track: PhonemeTrack, duration: float) -> PhonemeTrack:

@@ -37,6 +37,7 @@ MISSING = (*range(20, 25), 40)
 """Frames without a face in the sequence that has some."""
 
 CROP_MM = 100.0
+NOSE_BASE, CHIN = 2, 152
 REST_MM = 50.0
 MOUTH = np.array([0.0, 45.0])
 
@@ -242,6 +243,7 @@ def _mask(rng: np.random.Generator, crop: tuple[int, int]) -> Mask:
     xy += rng.normal(0, 0.3, xy.shape)
     xy[list(OUTER_LIPS)] = _ellipse(20, REST_MM, 16.0) + MOUTH
     xy[list(INNER_LIPS)] = _ellipse(20, 0.8 * REST_MM, 0.0) + MOUTH
+    xy[NOSE_BASE], xy[CHIN] = MOUTH - (0, 22), MOUTH + (0, 45)
     vertices = np.concatenate([xy, depth(xy)[:, None]], axis=1).astype(np.float32)
     tall = CROP_MM * crop[1] / crop[0]
     x, y = np.meshgrid(

@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -27,9 +26,7 @@ def _weights(**changes: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def inputs(
-    puppet_db: Path, puppet: ModuleType, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def inputs(puppet_db: Path, puppet: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a folder of good and bad files, read by all tests here."""
     folder = tmp_path_factory.mktemp("inputs")
     whole = puppet_db.read_bytes()

@@ -69,9 +69,7 @@ def timing() -> Timing:
     """``bin blue`` in whole hundredths of a second, which every format can write."""
     said = ["sil", "b", "ih", "n", "b", "l", "uw", "sil"]
     ends = [0.1, 0.18, 0.25, 0.31, 0.38, 0.46, 0.6, 0.7]
-    phones = [
-        Interval(a, b, p) for a, b, p in zip([0.0, *ends[:-1]], ends, said, strict=True)
-    ]
+    phones = [Interval(a, b, p) for a, b, p in zip([0.0, *ends[:-1]], ends, said, strict=True)]
     words = WordTrack(("bin", "blue"), (0.1, 0.31), (0.31, 0.6), 0.7)
     return Timing(PhonemeTrack.from_intervals(phones), words)
 

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-from database.pictures import encode
 from database.reader import open_database
-from database.writer import write_database
-from render.blend import CHIN, NOSE_BASE
 
 nbclient = pytest.importorskip("nbclient", reason="needs the extra unitsel[notebook]")
 nbformat = pytest.importorskip("nbformat", reason="needs the extra unitsel[notebook]")
@@ -23,24 +18,11 @@ TOUR = Path(__file__).parent.parent / "notebooks" / "tour.ipynb"
 
 
 @pytest.fixture(scope="module")
-def spoken_db(makedb: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A made-up database whose nose and chin are where the blend region looks for them."""
-    content, pictures, landmarks = makedb.make_content()
-    vertices = content.mask.vertices.copy()
-    vertices[NOSE_BASE, :2] = makedb.MOUTH - (0, 22)
-    vertices[CHIN, :2] = makedb.MOUTH + (0, 45)
-    content = replace(content, mask=replace(content.mask, vertices=vertices))
-    path = tmp_path_factory.mktemp("database") / "spoken.h5"
-    write_database(path, content, (encode(p, "png") for p in pictures), landmarks, "png")
-    return path
-
-
-@pytest.fixture(scope="module")
-def executed(spoken_db: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+def executed(small_db: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The notebook after a run on a small database, in a folder of its own."""
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("UNITSEL_NOTEBOOK_DB", str(spoken_db))
+        patch.setenv("UNITSEL_NOTEBOOK_DB", str(small_db))
         for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_DATA_DIR"):
             patch.setenv(variable, str(folder / variable.lower()))
         # In a notebook pictures are drawn into it; a backend chosen outside would hide them.
@@ -62,8 +44,8 @@ def _printed(notebook: Any) -> str:
     return "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stdout")
 
 
-def test_counts_are_those_of_the_database(executed: Any, spoken_db: Path) -> None:
-    with open_database(spoken_db) as db:
+def test_counts_are_those_of_the_database(executed: Any, small_db: Path) -> None:
+    with open_database(small_db) as db:
         units, sequences = len(db), len(db.sequences)
         labels = db.sequence_track(0).labels
     printed = _printed(executed)

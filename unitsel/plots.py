@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -16,8 +15,6 @@ from database.phonemes import VISEMES
 from database.reader import UnitDatabase
 from unitsel.evaluation import Evaluation, Sentence
 from unitsel.inspection import extreme_units, typical_units
-
-matplotlib.use("Agg")
 
 COLOURS = {"real": "#c0392b", "selected": "#2458a6", "phoneme_mean": "#9aa0a6"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -83,8 +84,15 @@ class Synthesizer:
         self.weights = weights or Weights()
         self._source = SelectionInput.of(database)
         self._models = models
-        self._alpha = blend_alpha(database.mask, blend)
-        self._ring = ring_weights(self._alpha)
+        self._blend = blend
+
+    @cached_property
+    def _alpha(self) -> npt.NDArray[np.float32]:
+        return blend_alpha(self.database.mask, self._blend)
+
+    @cached_property
+    def _ring(self) -> npt.NDArray[np.float32]:
+        return ring_weights(self._alpha)
 
     def select(
         self,
