@@ -206,7 +206,10 @@ def test_what_stood_at_the_output_is_still_there(
     output.write_bytes(b"precious")
     command = {
         "build": ("build", inputs / "mute", "--jobs", "1"),
-        "synth": ("synth", inputs / "db.h5", inputs / "good.TextGrid"),
+        "synth": (
+            *("synth", inputs / "db.h5", inputs / "good.TextGrid"),
+            *("--background", inputs / "faceless/clip.mp4"),
+        ),
         "align": ("align", inputs / "wordless/clip.mp4", inputs / "empty.txt"),
     }[kind]
     assert main([*map(str, command), "-o", str(output)]) == 2

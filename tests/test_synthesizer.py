@@ -16,6 +16,7 @@ from database.media import probe, read_video
 from database.pictures import encode
 from database.reader import UnitDatabase, open_database
 from database.track import PhonemeTrack, frame_count
+from database.video_writer import VideoWriter
 from database.writer import write_database
 from render.background import Background, playback_indices
 from render.blend import CHIN, NOSE_BASE, blend_alpha
@@ -69,9 +70,6 @@ def test_excluded_sequences_are_not_used(synthesizer: Synthesizer, track: Phonem
 def test_weights_steer_the_selection(database: UnitDatabase, track: PhonemeTrack) -> None:
     smooth = Synthesizer(database, Weights(target=0, skip=10)).select(track)
     choppy = Synthesizer(database, Weights(concatenation=0)).select(track)
-    assert smooth.costs.cost < choppy.costs.cost or len(set(np.diff(smooth.units))) < len(
-        set(np.diff(choppy.units))
-    )
     steps = [int((np.diff(s.units) != 1).sum()) for s in (smooth, choppy)]
     assert steps[0] < steps[1]
 
@@ -236,8 +234,6 @@ def test_footage_moved_away_asks_for_a_background(made_up: Path) -> None:
 def test_a_background_without_a_face(
     synthesizer: Synthesizer, puppet: ModuleType, tmp_path: Path
 ) -> None:
-    from database.video_writer import VideoWriter
-
     with VideoWriter(tmp_path / "wall.mp4", 64, 64, 25) as video:
         for _ in range(5):
             video.write_rgb(np.full((64, 64, 3), 120, np.uint8))

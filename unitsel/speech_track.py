@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from analysis.align import Aligner, Alignment
 from analysis.g2p import speaking_lexicon
-from database.errors import TimingError
+from database.errors import PronunciationError, TimingError
 from database.lexicon import spread_words
 from database.phonemes import SILENCE
 from database.sound import read_sound
@@ -35,17 +37,18 @@ def align_media(
     """
     aligner = Aligner(speaking_lexicon(dictionary))
     script = Path(words)
-    if script.suffix.lower() == ".txt":
-        return aligner.align(read_sound(media), read_words(script), name=Path(media).name)
-    try:
-        timing = read_timing(script)
-    except TimingError:
-        if script.suffix.lower() != ".lab":
-            raise
-        return aligner.align(read_sound(media), read_words(script), name=Path(media).name)
-    if timing.words is None:
-        raise TimingError(f"{script}: holds phones but no words; there is nothing to align")
-    return aligner.align_bounded(read_sound(media), timing.words, name=Path(media).name)
+    with _naming(script):
+        if script.suffix.lower() == ".txt":
+            return aligner.align(read_sound(media), read_words(script), name=Path(media).name)
+        try:
+            timing = read_timing(script)
+        except TimingError:
+            if script.suffix.lower() != ".lab":
+                raise
+            return aligner.align(read_sound(media), read_words(script), name=Path(media).name)
+        if timing.words is None:
+            raise TimingError(f"{script}: holds phones but no words; there is nothing to align")
+        return aligner.align_bounded(read_sound(media), timing.words, name=Path(media).name)
 
 
 def track_of_timing(
@@ -74,12 +77,23 @@ def track_of_timing(
         track = timing.phones
     elif timing.words is None:
         raise TimingError(f"{name}: holds neither phones nor words")
-    elif sound is not None:
-        lexicon = speaking_lexicon(dictionary)
-        track = Aligner(lexicon).align_bounded(sound, timing.words, name=name).track
     else:
-        track = spread_words(timing.words, speaking_lexicon(dictionary))
+        lexicon = speaking_lexicon(dictionary)
+        with _naming(name):
+            if sound is not None:
+                track = Aligner(lexicon).align_bounded(sound, timing.words, name=name).track
+            else:
+                track = spread_words(timing.words, lexicon)
     return track if sound is None else lengthened(track, sound.duration)
+
+
+@contextmanager
+def _naming(script: str | Path) -> Iterator[None]:
+    """Say which file the word stands in that cannot be pronounced."""
+    try:
+        yield
+    except PronunciationError as error:
+        raise PronunciationError(f"{script}: {error}") from error
 
 
 def lengthened(track: PhonemeTrack, duration: float) -> PhonemeTrack:
