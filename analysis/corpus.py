@@ -167,9 +167,9 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
             "file beside it"
         )
     if timed is not None:
-        found = aligner.align_bounded(sound, timed, name=clip.name)
+        found = aligner.align_bounded(sound, timed, name=str(clip.media))
     else:
-        found = aligner.align(sound, plain or [], name=clip.name)
+        found = aligner.align(sound, plain or [], name=str(clip.media))
     # Sound and picture seldom end together.
     notes = (*_unused(complaints), *found.notes)
     return replace(found, track=fitted(found.track, duration), notes=notes)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.linear_model import Ridge
 
 from database.phonemes import N_PHONEMES, SILENCE
 from database.track import Interval, PhonemeTrack, context_frames, context_windows
@@ -109,6 +108,8 @@ def _expectations(
     folds: int,
 ) -> list[FloatArray]:
     """Trajectories as the phonemes around each frame let one expect them, from other clips."""
+    from sklearn.linear_model import Ridge  # Slow to load, and only builds need it.
+
     n = context_frames(fps)
     inputs = []
     for track, numbers in zip(tracks, frames, strict=True):

@@ -13,7 +13,6 @@ from typing import Final
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import gaussian_filter
 
 from analysis.smoothing import smoothed
@@ -144,6 +143,8 @@ def _surface(
     vertices: npt.NDArray[np.float32], plane: npt.NDArray[np.float64], reach: float
 ) -> npt.NDArray[np.float64]:
     """Depth of the face at points of its frontal plane: smooth, carried on beyond the face."""
+    from scipy.interpolate import RBFInterpolator  # Slow to load, and only builds need it.
+
     lips = set(OUTER_LIPS) | set(INNER_LIPS)
     middle = plane.reshape(-1, 2).mean(axis=0)
     near = [

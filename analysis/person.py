@@ -73,7 +73,10 @@ def find_person(
         if best is not None and (best[0] < 1 or seen >= ENOUGH_VIDEOS):
             break
     if best is None:
-        raise FaceError(f"no face was found in any of the {len(videos)} clips")
+        others = f", nor do the other {len(videos) - 1} clips" if len(videos) > 1 else ""
+        raise FaceError(
+            f"{videos[0]}: shows no face{others}; film one face that looks into the camera"
+        )
     _, mesh, camera = best
     return make_mask(mesh.points, camera, crop), camera
 

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import savgol_filter
 
 
 def runs(numbers: npt.ArrayLike) -> list[tuple[int, int]]:
@@ -32,6 +31,8 @@ def smoothed(values: npt.NDArray[np.floating], window: int) -> npt.NDArray[np.fl
     # Three points lie on a parabola: nothing would be smoothed.
     if width < 3:
         return values
+    from scipy.signal import savgol_filter  # Slow to load.
+
     return np.asarray(savgol_filter(values, width, 2 if width > 3 else 1, axis=0))
 
 

@@ -18,7 +18,6 @@ from typing import Final
 import cv2
 import numpy as np
 import numpy.typing as npt
-from sklearn.decomposition import PCA
 
 from database.schema import TextureModel
 
@@ -108,6 +107,8 @@ def fit_texture(
     -------
     TextureModel
     """
+    from sklearn.decomposition import PCA  # Slow to load, and only builds need it.
+
     chosen = settings or TextureSettings()
     window = mouth_window()
     values = _windowed(normalised, window)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from analysis.align import Aligner, Alignment
-from analysis.g2p import speaking_lexicon
+from analysis.g2p import speaking_lexicon, with_guesses
 from database.errors import PronunciationError, TimingError
 from database.lexicon import spread_words
 from database.phonemes import SILENCE
@@ -83,7 +83,8 @@ def track_of_timing(
             if sound is not None:
                 track = Aligner(lexicon).align_bounded(sound, timing.words, name=name).track
             else:
-                track = spread_words(timing.words, lexicon)
+                spoken, _ = with_guesses(lexicon, timing.words.words)
+                track = spread_words(timing.words, spoken)
     return track if sound is None else lengthened(track, sound.duration)
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from analysis.clip import sha256_of, track_face
 from analysis.face import FaceFinder
 from analysis.models import find_models
-from database.errors import RenderError
+from database.errors import MediaError, RenderError
 from database.mask import Poses, cut_crop
 from database.media import probe, snap_rate
 from database.planes import Planes
@@ -297,6 +297,7 @@ class Synthesizer:
         """
         if not isinstance(background, Background):
             background = self.background(background, progress=progress)
+        _refuse_own_input(Path(path), background.path, audio)
         info = probe(background.path)
         rate = snap_rate(background.fps if fps is None else fps)
         with VideoWriter(
@@ -309,3 +310,10 @@ class Synthesizer:
         return Written(
             Path(path), background.path, video.frames, float(rate), video.frames / float(rate)
         )
+
+
+def _refuse_own_input(output: Path, background: Path, audio: str | Path | Sound | None) -> None:
+    """A video that replaced what it was made from could not be made again."""
+    for source in (background, None if isinstance(audio, Sound) else audio):
+        if source is not None and output.exists() and output.samefile(source):
+            raise MediaError(f"{output}: is an input of this video too; name another output")

@@ -14,8 +14,8 @@ from unitsel.plots import plot_evaluation, plots_folder
 COLUMNS = (
     ("r_pca", "r_pca"),
     ("r_h", "r_h"),
-    ("r_pca_speech", "speech"),
-    ("r_h_speech", "speech"),
+    ("r_pca_speech", "pca_sp"),
+    ("r_h_speech", "h_sp"),
     ("sd_ratio", "sd"),
     ("r_h_mesh", "r_h_mesh"),
     ("sl_avg", "SL"),
@@ -57,7 +57,10 @@ def run(options: argparse.Namespace, output: Output) -> None:
             progress=output.progress,
         )
     drawn = [] if options.plots is None else plot_evaluation(found, options.plots)
-    output.result(found.as_json(), "\n".join([_text(found), *(f"drawn: {p}" for p in drawn[:1])]))
+    text = _text(found)
+    if drawn:
+        text += f"\ndrawn: {len(drawn)} plots in {drawn[0].parent}"
+    output.result(found.as_json(), text)
 
 
 def _text(found: Evaluation) -> str:
@@ -68,7 +71,7 @@ def _text(found: Evaluation) -> str:
     lines.append(f"mean over {len(found.sentences)} sentences:")
     lines += [_row(m.replace("_", " "), found.means[m], width) for m in METHODS]
     lines.append(
-        "speech: the two correlations from the first to the last sound; sd: standard deviation "
+        "_sp: the correlations from the first to the last sound; sd: standard deviation "
         "of the mouth height there, over the real one's"
     )
     lines += [f"skipped {clip}: {reason}" for clip, reason in found.skipped]
