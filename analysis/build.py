@@ -175,7 +175,8 @@ def build_database(
         raise DatabaseError(f"{target}: is a folder; name a file")
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
-    clips = find_clips(corpus, limit=limit, exclude=exclude)
+    # Absolute, since a worker may have been started in another folder.
+    clips = [c.absolute() for c in find_clips(corpus, limit=limit, exclude=exclude)]
     lexicon = speaking_lexicon(dictionary)
     face_models = find_models(models)
 
@@ -192,7 +193,7 @@ def build_database(
     common = _Common(mask, camera, fps, face_models, lexicon, chosen)
     try:
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as folder:
-            shards = _analyse(usable, common, Path(folder), jobs, skipped, tell)
+            shards = _analyse(usable, common, Path(folder).absolute(), jobs, skipped, tell)
             content, landmarks = assemble(
                 shards,
                 mask=mask,

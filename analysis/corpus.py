@@ -49,6 +49,11 @@ class Clip:
     media: Path
     scripts: tuple[Path, ...]
 
+    def absolute(self) -> Clip:
+        """The same clip, wherever one stands."""
+        scripts = tuple(s.absolute() for s in self.scripts)
+        return Clip(self.name, self.media.absolute(), scripts)
+
 
 def find_clips(
     folder: str | Path, *, limit: int | None = None, exclude: Sequence[str] = ()

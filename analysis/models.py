@@ -64,7 +64,7 @@ def find_models(directory: str | Path | None = None) -> FaceModels:
     """
     named = directory if directory is not None else os.environ.get(MODELS_ENV) or None
     if named is not None:
-        return _checked(Path(named))
+        return _checked(Path(named).absolute())
     cache = cache_folder()
     if not all((cache / name).is_file() for name in CHECKSUMS):
         _fetch(cache)

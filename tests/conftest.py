@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -14,6 +15,7 @@ import pytest
 from analysis.build import BuildReport, build_database
 from analysis.face import FaceFinder
 from analysis.models import CHECKSUMS, MODELS_ENV, FaceModels, cache_folder, find_models
+from unitsel.cli import main
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -107,3 +109,15 @@ def heldout() -> Path:
 def portrait(puppet: ModuleType) -> np.ndarray:
     """Grace Hopper, (height, width, 3) uint8 RGB: a real face, mouth closed."""
     return puppet.portrait()
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Call the command in this process: exit status, standard output, standard error."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        status = main([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return call

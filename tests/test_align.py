@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, wrap_non_picklable_objects
 
 from analysis.align import Aligner, AlignSettings, Attempt
 from database.errors import AlignmentError, PronunciationError, UnitselError
@@ -277,7 +277,9 @@ def test_clips_of_the_corpus(corpus, aligner):
 def test_all_clips_of_the_corpus(corpus, heldout):
     media = sorted([*corpus.glob("*.mpg"), *heldout.glob("*.mpg")])
     results = {}
-    for part in Parallel(n_jobs=2)(delayed(outcomes)(media[k::2]) for k in range(2)):
+    # By value: workers cannot import a test, which is on no module path.
+    task = delayed(wrap_non_picklable_objects(outcomes))
+    for part in Parallel(n_jobs=2)(task(media[k::2]) for k in range(2)):
         results |= part
     assert len(results) == len(media)
     failed = {name: result for name, result in results.items() if isinstance(result, str)}

@@ -270,8 +270,8 @@ REASONS = {
     "wordless": r"wordless\.mp4: has no words; put wordless\.txt",
     "truncated": r"truncated\.TextGrid",
     "binary": r"binary\.TextGrid",
-    "unsaid": r"unsaid: the words .* could not be aligned",
-    "foreign": r"foreign: no pronunciation for слово",
+    "unsaid": r"unsaid.mp4: the words .* could not be aligned",
+    "foreign": r"foreign.mp4: no pronunciation for слово",
     "slow": r"slow\.mp4: has 12 frames a second, less than the corpus's 25",
 }
 
@@ -358,7 +358,7 @@ def only(folder, source, *stems):
             CorpusError,
             r"no clip of the corpus can be read; the first: .*empty\.mp4",
         ),
-        (("faceless",), FaceError, r"no face was found in any of the 1 clips"),
+        (("faceless",), FaceError, r"faceless.mp4: shows no face"),
         (("wordless", "binary"), CorpusError, r"none of the 2 clips could be used; the"),
     ],
 )

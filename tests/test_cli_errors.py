@@ -45,7 +45,7 @@ def inputs(puppet_db: Path, puppet: ModuleType, tmp_path_factory: pytest.TempPat
         (folder / f"binary.{extension}").write_bytes(binary)
     (folder / "folder.lab").mkdir()
     (folder / "phones.xyz").write_text("0 1 a\n")
-    (folder / "odd.lab").write_text("0 1000000 sil\n1000000 2000000 qqq\n")
+    (folder / "odd.lab").write_text("0 1000000 b\n1000000 2000000 iy\n2000000 3000000 qqq\n")
     (folder / "empty.txt").touch()
     (folder / "words.txt").write_text("bin blue now\n")
 

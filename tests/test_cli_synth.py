@@ -15,7 +15,6 @@ from database.media import probe, snap_rate
 from database.sound import read_sound
 from database.timing import Timing, WordTrack, write_timing
 from database.track import Interval, PhonemeTrack, frame_count
-from unitsel.cli import main
 from unitsel.costs import Weights
 
 Run = Callable[..., tuple[int, str, str]]
@@ -23,18 +22,6 @@ Run = Callable[..., tuple[int, str, str]]
 KEYS = {
     *("video", "background", "frames", "fps", "seconds", "segments", "cost", "fallbacks"),
 }
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Call the command in this process: exit status, standard output, standard error."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        status = main([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return call
 
 
 @pytest.fixture
