@@ -94,7 +94,7 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
     output.close()
     print(
         f"  {report.units} units from {report.sequences} clips in {report.seconds:.0f} s; "
-        f"{len(report.skipped)} clips skipped, {len(report.repaired)} repairs."
+        f"clips skipped: {len(report.skipped)}, repairs: {len(report.repaired)}."
     )
     for clip, what in report.skipped:
         print(f"  skipped {clip}: {what}")
@@ -114,8 +114,10 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
         )
         output.close()
         scores = evaluator.compare(target, Weights()).scores["selected"]
+        held = target.words in database.sequences.words
+        novelty = "as another clip does too" if held else "which no clip of the database says"
     _contact_sheet(written.path, left_out.media, target, out / "demo.png")
-    print(f"Wrote {written.path}: the person says {target.words!r}, a sentence that is not in it.")
+    print(f"Wrote {written.path}: the person says {target.words!r}, {novelty}.")
     print(
         f"  Sound and phones are those of {left_out.name}; the {written.frames} mouths come in "
         f"{segments}\n  segments from other clips, over the background of "
