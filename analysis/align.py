@@ -94,17 +94,26 @@ class Alignment:
     ----------
     track : PhonemeTrack
         From 0 to the sound's end.
-    words : WordTrack
+    words : WordTrack or None
+        None where phones were given without the times of words.
     attempts : int
-        How many tries the recogniser needed; 1 is the usual.
+        How many tries the recogniser needed; 1 is the usual, 0 means that phones were given.
     notes : tuple of str
         What was repaired, for the build's report.
+    text : str
+        The words.
     """
 
     track: PhonemeTrack
-    words: WordTrack
+    words: WordTrack | None
     attempts: int
     notes: tuple[str, ...] = field(default=())
+    text: str = ""
+
+    @property
+    def given(self) -> bool:
+        """Whether the phones were given and not found in the sound."""
+        return self.attempts == 0
 
 
 _Word = tuple[str, list[AlignedPhone]]
@@ -160,12 +169,14 @@ class Aligner:
 
         The sentence is aligned as a whole; a word that comes to lie outside its bounds is
         searched again inside them, and beside silence a word reaches to its bounds. Where the
-        recogniser fails, the dictionary's phones share the word's time.
+        recogniser fails, the dictionary's phones share the word's time, and a note says so.
 
         Raises
         ------
         PronunciationError
             If a word is in no dictionary.
+        AlignmentError
+            If the sound is too short, or no word lies inside it.
         """
         samples = _checked(sound, words.words, name)
         duration = len(samples) / RATE
@@ -183,21 +194,30 @@ class Aligner:
         for (word, phones), start, end in zip(spoken, words.starts, words.ends, strict=True):
             low, high = float(start), min(float(end), duration)
             if high - low < 2 * FRAME_SECONDS:
+                notes.append(f"word {word!r} at {low:.2f} s lies outside the sound; left out")
                 continue
             if not phones or phones[0].start < low - slack or phones[-1].end > high + slack:
-                phones = self._inside(samples, word, low, high, name)
+                phones = self._inside(samples, word, low, high, name, notes)
             found.append((word, _reaching(phones, low, high, words)))
         return _result(_untangled(found), duration, attempts, tuple(notes), name)
 
     def _inside(
-        self, samples: npt.NDArray[np.float32], word: str, low: float, high: float, name: str
+        self,
+        samples: npt.NDArray[np.float32],
+        word: str,
+        low: float,
+        high: float,
+        name: str,
+        notes: list[str],
     ) -> list[AlignedPhone]:
+        """A word's phones inside its bounds; spread evenly, and noted, if it is not heard there."""
         part = samples[round(low * RATE) : round(high * RATE)]
         try:
             found, _ = self._search(part, [word], name)
             phones = [p for w, ps in found if w for p in ps]
             return [AlignedPhone(low + p.start, low + p.end, p.symbol) for p in phones]
         except AlignmentError:
+            notes.append(f"word {word!r} at {low:.2f} s was not heard; its phones share its time")
             symbols = self.lexicon.arpabet(word)[0]
             edges = np.linspace(low, high, len(symbols) + 1)
             return [
@@ -392,7 +412,7 @@ def _result(
         duration,
         name,
     )
-    return Alignment(track, words, attempts, notes)
+    return Alignment(track, words, attempts, notes, " ".join(words.words))
 
 
 def _merged(intervals: Sequence[Interval]) -> list[Interval]:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 from joblib import Parallel, delayed
@@ -45,6 +45,9 @@ from database.writer import write_database
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, how much of it is done, and of how much."""
+
+
+DATABASE_EXTENSIONS: Final = (".h5", ".hdf5")
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,9 @@ def build_database(
         raise DatabaseError(f"{target}: the folder {target.parent} does not exist; make it first")
     if target.is_dir():
         raise DatabaseError(f"{target}: is a folder; name a file")
+    if target.suffix.lower() not in DATABASE_EXTENSIONS:
+        # So that a slip of the hand never replaces footage.
+        raise DatabaseError(f"{target}: must end in {' or '.join(DATABASE_EXTENSIONS)}")
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.

@@ -147,6 +147,7 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
         raise CorpusError(
             f"{clip.media}: has no words; put {clip.media.stem}.txt or a timing file beside it"
         )
+    given: PhonemeTrack | None = None
     timed: WordTrack | None = None
     plain: list[str] | None = None
     complaints: list[TimingError] = []
@@ -158,12 +159,12 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
             continue
         if isinstance(timing, list):
             plain = plain or timing
-        elif timing.phones is not None:
-            track = fitted(timing.phones, duration)
-            words = timing.words or WordTrack(("-",), (track.start,), (track.end,), duration)
-            return Alignment(track, words, 0, _unused(complaints))
         else:
+            given = given or timing.phones
             timed = timed or timing.words
+    if given is not None:
+        text = " ".join(timed.words if timed else plain or ())
+        return Alignment(fitted(given, duration), timed, 0, _unused(complaints), text)
     if timed is None and plain is None:
         raise complaints[0] if complaints else CorpusError(f"{clip.media}: has no words")
     if sound is None:

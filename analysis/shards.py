@@ -33,6 +33,8 @@ class Shard:
         Mean log picture; see `analysis.texture`.
     notes : tuple of str
         What was repaired.
+    given : bool
+        Whether the phones were given and not found in the sound.
     """
 
     path: Path
@@ -46,6 +48,7 @@ class Shard:
     track: PhonemeTrack
     clip_mean: npt.NDArray[np.float32]
     notes: tuple[str, ...]
+    given: bool
 
 
 class OpenShard:
@@ -92,7 +95,7 @@ def write_shard(path: Path, clip: AnalysedClip) -> Shard:
     return Shard(
         path,
         clip.name,
-        " ".join(clip.alignment.words.words),
+        clip.alignment.text,
         str(clip.media.resolve()),
         clip.sha256,
         clip.fps,
@@ -101,6 +104,7 @@ def write_shard(path: Path, clip: AnalysedClip) -> Shard:
         clip.alignment.track,
         mean_log(clip.reduced),
         (*_missing_frames(clip.face.missing()), *clip.alignment.notes),
+        clip.alignment.given,
     )
 
 

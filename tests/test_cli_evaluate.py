@@ -67,7 +67,7 @@ def test_text_has_a_row_a_method_and_the_plot_is_drawn(
     assert {"new", "selected", "random", "phoneme mean", "nearest"} <= set(rows)
     assert rows["new"][1:] == rows["selected"][1:]
     assert len(rows["selected"]) == 1 + len(SCORES)
-    assert rows["phoneme mean"][-4:] == ["-"] * 4
+    assert rows["phoneme mean"][-3:] == ["-"] * 3
     assert "wordless" not in out
     assert [p.name for p in plots.iterdir()] == ["new.png"]
     assert f"drawn: 1 plots in {plots}" in out

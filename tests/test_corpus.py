@@ -203,3 +203,15 @@ def test_times_beyond_the_clip(tmp_path, clip, aligner):
     assert align_clip(clip(), None, 0.8, aligner).track.labels == ("sil", "m", "aa")
     with pytest.raises(CorpusError, match="beyond the clip's end at 0"):
         fitted(PhonemeTrack(PHONES.phonemes[1:], PHONES.boundaries[1:]), 0.2)
+
+
+def test_words_beside_given_phones_are_kept(tmp_path, clip, aligner, spoken):
+    """A timing of phones alone leaves the words to the text."""
+    write_timing(tmp_path / "talk.lab", spoken[1])
+    (tmp_path / "talk.txt").write_text("place blue now")
+    found = align_clip(clip(), spoken[0], spoken[0].duration, aligner)
+    assert found.given
+    assert found.words is None
+    assert found.text == "place blue now"
+    (tmp_path / "talk.txt").unlink()
+    assert align_clip(clip(), spoken[0], spoken[0].duration, aligner).text == ""

@@ -75,7 +75,8 @@ def test_the_references_bound_the_selection(found: Evaluation) -> None:
     assert means["selected"].sl_avg > means["random"].sl_avg
     assert means["selected"].vc_avg < means["random"].vc_avg
     assert means["selected"].tc_avg < means["random"].tc_avg
-    for costs in ("sl_avg", "tc_avg", "vc_avg", "r_h_mesh"):
+    assert means["nearest"].r_h_mesh >= means["phoneme_mean"].r_h_mesh > means["random"].r_h_mesh
+    for costs in ("sl_avg", "tc_avg", "vc_avg"):
         assert getattr(means["phoneme_mean"], costs) is None
     # Means of phonemes move less than mouths do.
     assert means["phoneme_mean"].sd_ratio < 1

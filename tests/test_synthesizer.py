@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from analysis.clip import sha256_of
 from database.errors import FaceError, RenderError, SelectionError
 from database.mask import project
 from database.media import probe, read_video
@@ -19,7 +20,7 @@ from database.track import PhonemeTrack, frame_count
 from database.video_writer import VideoWriter
 from database.writer import write_database
 from render.background import Background, playback_indices
-from render.blend import CHIN, NOSE_BASE, blend_alpha
+from render.blend import blend_alpha
 from render.scene import Scene
 from unitsel.costs import Weights
 from unitsel.synthesizer import Synthesizer
@@ -187,19 +188,15 @@ def test_other_footage_is_tracked(
 
 @pytest.fixture
 def made_up(makedb: ModuleType, tmp_path: Path) -> Path:
-    """Make up a database whose third clip keeps still; the clips' files are empty."""
+    """Make up a database whose third clip keeps still; the clips' files hold their names."""
     content, pictures, landmarks = makedb.make_content(missing_in=None)
-    mask = content.mask
-    vertices = mask.vertices.copy()
-    vertices[CHIN], vertices[NOSE_BASE] = (0, 92, -30), (0, 22, -60)
     units = content.units
     still = np.where(units.sequence == 2, 0.0, 1.0)[:, None].astype(np.float32)
     at_rest = np.array([0, 0, 900], np.float32)
     for name in content.sequences.name:
-        (tmp_path / f"{name}.mpg").touch()
+        (tmp_path / f"{name}.mpg").write_text(name)
     content = replace(
         content,
-        mask=replace(mask, vertices=vertices),
         units=replace(
             units,
             rotation=units.rotation * still,
@@ -208,6 +205,7 @@ def made_up(makedb: ModuleType, tmp_path: Path) -> Path:
         sequences=replace(
             content.sequences,
             media=tuple(str(tmp_path / f"{n}.mpg") for n in content.sequences.name),
+            sha256=tuple(sha256_of(tmp_path / f"{n}.mpg") for n in content.sequences.name),
         ),
     )
     path = tmp_path / "made-up.h5"
@@ -220,8 +218,11 @@ def test_the_steadiest_clip_at_hand_is_the_background(made_up: Path) -> None:
     with open_database(made_up) as database:
         synthesizer = Synthesizer(database)
         assert synthesizer.background().path == folder / "clip02.mpg"
-        (folder / "clip02.mpg").unlink()
-        assert synthesizer.background().path != folder / "clip02.mpg"
+        (folder / "clip02.mpg").write_text("another video by now")
+        second = synthesizer.background().path
+        assert second != folder / "clip02.mpg"
+        second.unlink()
+        assert synthesizer.background().path not in (second, folder / "clip02.mpg")
 
 
 def test_footage_moved_away_asks_for_a_background(made_up: Path) -> None:

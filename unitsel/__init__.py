@@ -33,7 +33,12 @@ for _name in ("database", "analysis", "render"):
             else f"unitsel's own package {_name!r} is missing ({_expected}); install unitsel again"
         )
 
+from analysis.align import Alignment, AlignSettings, Attempt  # noqa: E402
 from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E402
+from analysis.face import FaceSettings  # noqa: E402
+from analysis.lag import LagSettings  # noqa: E402
+from analysis.motion import CropSettings, MotionSettings  # noqa: E402
+from analysis.texture import TextureSettings  # noqa: E402
 from database.errors import (  # noqa: E402
     AlignmentError,
     CorpusError,
@@ -51,6 +56,7 @@ from database.errors import (  # noqa: E402
 )
 from database.lexicon import Lexicon, spread_words  # noqa: E402
 from database.phonemes import PHONEMES, VISEMES  # noqa: E402
+from database.planes import Colour, Planes, planes_to_rgb  # noqa: E402
 from database.reader import UnitDatabase, open_database  # noqa: E402
 from database.sound import Sound, read_sound  # noqa: E402
 from database.timing import (  # noqa: E402
@@ -62,10 +68,11 @@ from database.timing import (  # noqa: E402
 from database.timing.words import WordTrack  # noqa: E402
 from database.track import Interval, PhonemeTrack  # noqa: E402
 from render.background import Background  # noqa: E402
+from render.blend import BlendShape  # noqa: E402
 from unitsel.costs import Weights  # noqa: E402
 from unitsel.evaluation import Evaluation, evaluate  # noqa: E402
 from unitsel.inspection import Inspection, inspect_database  # noqa: E402
-from unitsel.select import Selection  # noqa: E402
+from unitsel.select import Fallback, Selection  # noqa: E402
 from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
 from unitsel.synthesizer import Synthesizer, Written  # noqa: E402
 
@@ -74,27 +81,39 @@ __version__ = "0.1.0"
 __all__ = [
     "PHONEMES",
     "VISEMES",
+    "AlignSettings",
+    "Alignment",
     "AlignmentError",
+    "Attempt",
     "Background",
+    "BlendShape",
     "BuildReport",
     "BuildSettings",
+    "Colour",
     "CorpusError",
+    "CropSettings",
     "DatabaseError",
     "Evaluation",
     "FaceError",
+    "FaceSettings",
+    "Fallback",
     "Inspection",
     "Interval",
+    "LagSettings",
     "Lexicon",
     "MediaError",
     "ModelError",
+    "MotionSettings",
     "PhonemeError",
     "PhonemeTrack",
+    "Planes",
     "PronunciationError",
     "RenderError",
     "Selection",
     "SelectionError",
     "Sound",
     "Synthesizer",
+    "TextureSettings",
     "Timing",
     "TimingError",
     "TrackError",
@@ -109,6 +128,7 @@ __all__ = [
     "evaluate",
     "inspect_database",
     "open_database",
+    "planes_to_rgb",
     "read_sound",
     "read_timing",
     "spread_words",

@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.build import build_database
-from analysis.corpus import find_clips
+from analysis.corpus import Clip, find_clips
 from analysis.face import FaceFinder
 from analysis.models import find_models
 from database.errors import CorpusError, UnitselError
-from database.media import read_video
+from database.media import probe, read_video
 from database.reader import open_database
 from database.timing import write_timing
 from unitsel.cli.output import Output
@@ -60,7 +60,7 @@ def main() -> int:
         return 0
     try:
         _demo(corpus, _clip_count(), Path("out"), output)
-    except UnitselError as error:
+    except (UnitselError, OSError) as error:
         return output.failed(str(error), 2)
     finally:
         output.close()
@@ -80,7 +80,7 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
     clips = find_clips(corpus)
     if len(clips) < 3:
         raise CorpusError(f"{corpus}: holds {len(clips)} clips; the demo needs at least 3")
-    left_out = clips[len(clips) // 2]
+    left_out = _sentence(clips)
     out.mkdir(exist_ok=True)
     print(f"Building out/demo.h5 from {min(count, len(clips) - 1)} clips of {corpus}.")
     report = build_database(
@@ -132,14 +132,23 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
     print("  out/demo.png shows its frames (upper rows) beside the real ones (lower rows).")
 
 
+def _sentence(clips: list[Clip]) -> Clip:
+    """A clip with words and sound, from the middle of the list."""
+    middle = len(clips) // 2
+    for clip in sorted(clips, key=lambda c: abs(clips.index(c) - middle)):
+        if clip.scripts and probe(clip.media).has_sound:
+            return clip
+    raise CorpusError(f"{clips[0].media.parent}: no clip has both words and sound")
+
+
 def _contact_sheet(made: Path, real: Path, target: Target, path: Path) -> None:
     """Faces of the sentence spoken, made above real, eight to a row."""
     start, end = target.track.speech_span()
     faces = []
     for video in (made, real):
-        frames = [f for f in read_video(video) if start - 0.1 <= f.time <= end + 0.1]
-        chosen = frames[:: max(1, len(frames) // 24)][:24]
-        faces.append(_faces([f.rgb for f in chosen]))
+        # Only what is shown is kept: a clip may be long.
+        wanted = np.unique((np.linspace(start, end, 24) * probe(video).fps).astype(int))
+        faces.append(_faces([f.rgb for f in read_video(video) if f.index in wanted]))
     pairs = [
         part
         for i in range(0, min(len(f) for f in faces), 8)

@@ -1,10 +1,11 @@
 """How like the real person: sentences selected from a database against their recordings.
 
-Each held-out clip is aligned and analysed as the database's own were, with the database's mask,
-principal components and lighting rule; its phones are given to the selection; the mouths that
-come back are compared with the recorded ones, frame by frame. The same is done for three
-references: random units of the right viseme, the smoothed mean of each phoneme (no selection at
-all), and the unit nearest to the real frame (the best that the database could do).
+Each held-out clip is aligned and analysed by default settings, with the database's mask,
+principal components and lighting rule, and never put in step (analysis/lag.py); its phones are
+given to the selection; the mouths that come back are compared with the recorded ones, frame by
+frame. The same is done for three references: random units of the right viseme, the smoothed mean
+of each phoneme (no selection at all), and the unit nearest to the real frame (the best that the
+database could do).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from database.reader import UnitDatabase
 from database.track import PhonemeTrack, context_windows, frame_times
 from unitsel.costs import Weights
 from unitsel.measures import correlation, sd_ratio, sl_avg, speech_frames, tc_avg, vc_avg
-from unitsel.select import TargetGraph, select_path, target_graph
+from unitsel.select import TargetGraph, select_path, sequence_indexes, target_graph
 from unitsel.source import SelectionInput
 
 FloatArray = npt.NDArray[np.float64]
@@ -62,7 +63,7 @@ class Scores:
         Standard deviation of the mouth height inside speech in relation to the recording's.
     sd_ratio_pca : float
         The same of the first PCA weight.
-    r_h_mesh, r_h_mesh_speech : float or None
+    r_h_mesh, r_h_mesh_speech : float
         Correlation of the raw face mesh's mouth height: the ruler that analysis does not move.
     sl_avg, tc_avg, vc_avg : float or None
         Equations 12 to 15.
@@ -74,8 +75,8 @@ class Scores:
     r_h_speech: float
     sd_ratio: float
     sd_ratio_pca: float
-    r_h_mesh: float | None
-    r_h_mesh_speech: float | None
+    r_h_mesh: float
+    r_h_mesh_speech: float
     sl_avg: float | None
     tc_avg: float | None
     vc_avg: float | None
@@ -87,7 +88,7 @@ class Trajectories:
 
     pca: FloatArray
     height: FloatArray
-    mesh: FloatArray | None
+    mesh: FloatArray
 
 
 @dataclass(frozen=True)
@@ -197,12 +198,19 @@ class Evaluator:
         self._aligner = Aligner(speaking_lexicon(dictionary))
         units = database.units
         self._means = _phoneme_means(
-            np.column_stack([units.pca[:, 0], units.mouth_height]), units.phoneme
+            np.column_stack(
+                [
+                    units.pca[:, 0],
+                    units.mouth_height,
+                    mesh_mouth_height(database.landmarks(slice(None))),
+                ]
+            ),
+            units.phoneme,
         )
         self._tree = cKDTree(units.pca)
 
     def target(self, clip: Clip) -> Target:
-        """Analyse a held-out clip with the database's own rules."""
+        """Analyse a held-out clip, in the database's mask, components and lighting."""
         db = self.database
         analysed: AnalysedClip = analyse_clip(
             clip, db.mask, db.camera, self._finder, self._aligner, fps=db.fps
@@ -210,7 +218,7 @@ class Evaluator:
         pca = describe_clip(analysed.reduced, db.texture)
         return Target(
             clip.name,
-            " ".join(analysed.alignment.words.words),
+            analysed.alignment.text,
             analysed.alignment.track,
             analysed.face.numbers.astype(np.int64),
             pca,
@@ -278,8 +286,7 @@ class Evaluator:
         """For each frame the unit whose texture is nearest to the recorded one's."""
         tree, ids = self._tree, np.arange(len(self.database))
         if exclude_sequences:
-            names = self.database.sequences.name
-            out = [names.index(s) if isinstance(s, str) else s for s in exclude_sequences]
+            out = sequence_indexes(self.source, exclude_sequences)
             ids = np.flatnonzero(~np.isin(self.database.units.sequence, out))
             tree = cKDTree(self.database.units.pca[ids])
         _, found = tree.query(target.pca)
@@ -292,7 +299,7 @@ class Evaluator:
     ) -> Trajectories:
         span = max(1, round(SMOOTHING_SECONDS * self.database.fps))
         smooth = uniform_filter1d(self._means[phonemes], span, axis=0, mode="nearest")
-        return Trajectories(smooth[frames, 0], smooth[frames, 1], None)
+        return Trajectories(smooth[frames, 0], smooth[frames, 1], smooth[frames, 2])
 
 
 def evaluate(
@@ -346,6 +353,9 @@ def evaluate(
             sentences.append(evaluator.compare(target, weights or Weights()))
         except UnitselError as error:
             skipped.append((clip.name, str(error)))
+        except Exception as error:  # As in a build: one bad clip does not end the rest.
+            what = f"{clip.media}: unexpected {type(error).__name__}: {error}"
+            skipped.append((clip.name, what))
     if progress is not None:
         progress("evaluating", len(clips), len(clips))
     if not sentences:
@@ -359,10 +369,6 @@ def _scores(
     inside: npt.NDArray[np.bool_],
     costs: tuple[float, float, float] | tuple[None, None, None],
 ) -> Scores:
-    mesh = mesh_speech = None
-    if made.mesh is not None and real.mesh is not None:
-        mesh = correlation(made.mesh, real.mesh)
-        mesh_speech = correlation(made.mesh, real.mesh, inside)
     return Scores(
         r_pca=correlation(made.pca, real.pca),
         r_h=correlation(made.height, real.height),
@@ -370,8 +376,8 @@ def _scores(
         r_h_speech=correlation(made.height, real.height, inside),
         sd_ratio=sd_ratio(made.height, real.height, inside),
         sd_ratio_pca=sd_ratio(made.pca, real.pca, inside),
-        r_h_mesh=mesh,
-        r_h_mesh_speech=mesh_speech,
+        r_h_mesh=correlation(made.mesh, real.mesh),
+        r_h_mesh_speech=correlation(made.mesh, real.mesh, inside),
         sl_avg=costs[0],
         tc_avg=costs[1],
         vc_avg=costs[2],

@@ -63,7 +63,7 @@ def plot_database(database: UnitDatabase, folder: str | Path) -> list[Path]:
 def plot_evaluation(evaluation: Evaluation, folder: str | Path) -> list[Path]:
     """Draw the trajectories of every sentence, as in the paper's Figure 11."""
     out = plots_folder(folder)
-    return [_trajectories(s, out / f"{Path(s.clip).name}.png") for s in evaluation.sentences]
+    return [_trajectories(s, out / f"{s.clip.replace('/', '-')}.png") for s in evaluation.sentences]
 
 
 def strip(pictures: Sequence[npt.NDArray[np.uint8]], columns: int) -> npt.NDArray[np.uint8]:

@@ -143,7 +143,7 @@ def target_graph(
     SelectionError
         If an excluded sequence does not exist or no unit is left.
     """
-    allowed = ~np.isin(source.space.sequence, _sequence_indexes(source, exclude_sequences))
+    allowed = ~np.isin(source.space.sequence, sequence_indexes(source, exclude_sequences))
     if not allowed.any():
         raise SelectionError("selection: every sequence of the database is excluded")
     viseme = source.viseme
@@ -231,7 +231,7 @@ def select_units(
     return select_path(source, graph, weights or Weights(), progress)
 
 
-def _sequence_indexes(source: SelectionInput, sequences: Collection[int | str]) -> list[int]:
+def sequence_indexes(source: SelectionInput, sequences: Collection[int | str]) -> list[int]:
     """Indexes of sequences given by index or name."""
     if isinstance(sequences, str):
         sequences = (sequences,)

@@ -166,28 +166,26 @@ class Synthesizer:
         return Background.from_tracked(path, probe(path).fps, face.numbers, face.poses)
 
     def _steadiest(self) -> int:
-        """The sequence whose footage is at hand and whose head moves least."""
+        """The sequence whose head moves least, of those whose footage is still what it was."""
         units, sequences = self.database.units, self.database.sequences
-        best: tuple[float, int] | None = None
         longest = int(sequences.units.max())
-        for s, media in enumerate(sequences.media):
-            if not Path(media).is_file():
-                continue
-            mine = slice(sequences.first_unit[s], sequences.first_unit[s] + sequences.units[s])
+        unrest = []
+        for first, count in zip(sequences.first_unit, sequences.units, strict=True):
+            mine = slice(first, first + count)
             # Turning counts by what it moves at the mouth, about 100 mm from the neck.
-            motion = float(
+            motion = (
                 units.translation[mine].std(axis=0)[:2].sum()
                 + 100 * units.rotation[mine].std(axis=0).sum()
             )
-            short = longest / max(1, int(sequences.units[s]))
-            if best is None or motion * short < best[0]:
-                best = (motion * short, s)
-        if best is None:
-            raise RenderError(
-                f"{self.database.path}: no clip that it was built from is where it was (the first: "
-                f"{sequences.media[0]}); name a video of the person (--background VIDEO)"
-            )
-        return best[1]
+            unrest.append(float(motion) * longest / max(1, int(count)))
+        for s in np.argsort(unrest, kind="stable"):
+            media = Path(sequences.media[s])
+            if media.is_file() and sha256_of(media) == sequences.sha256[s]:
+                return int(s)
+        raise RenderError(
+            f"{self.database.path}: no clip that it was built from is still where and what it was "
+            f"(the first: {sequences.media[0]}); name a video of the person (--background VIDEO)"
+        )
 
     def _own_background(self, sequence: int, path: Path | None = None) -> Background:
         db = self.database
@@ -315,5 +313,7 @@ class Synthesizer:
 def _refuse_own_input(output: Path, background: Path, audio: str | Path | Sound | None) -> None:
     """A video that replaced what it was made from could not be made again."""
     for source in (background, None if isinstance(audio, Sound) else audio):
-        if source is not None and output.exists() and output.samefile(source):
+        if source is None or not (output.exists() and Path(source).exists()):
+            continue
+        if output.samefile(source):
             raise MediaError(f"{output}: is an input of this video too; name another output")

@@ -30,12 +30,12 @@ def run(options: argparse.Namespace, output: Output) -> None:
     check_output(options.output, timing_extensions())
     alignment = align_media(options.media, options.words, dictionary=options.dictionary)
     write_timing(options.output, Timing(alignment.track, alignment.words))
+    words = () if alignment.words is None else alignment.words.intervals()
     phones = alignment.track.intervals()
     document = {
         "timing": options.output,
         "words": [
-            {"word": i.label, "start": round(i.start, 4), "end": round(i.end, 4)}
-            for i in alignment.words.intervals()
+            {"word": i.label, "start": round(i.start, 4), "end": round(i.end, 4)} for i in words
         ],
         "phones": [
             {"phone": i.label, "start": round(i.start, 4), "end": round(i.end, 4)} for i in phones
@@ -44,7 +44,6 @@ def run(options: argparse.Namespace, output: Output) -> None:
         "notes": list(alignment.notes),
     }
     text = (
-        f"{options.output}: {len(alignment.words)} words, {len(phones)} phones, "
-        f"{alignment.track.end:.2f} s"
+        f"{options.output}: {len(words)} words, {len(phones)} phones, {alignment.track.end:.2f} s"
     )
     output.result(document, "\n".join([text, *alignment.notes]))
