@@ -16,15 +16,13 @@ import numpy.typing as npt
 
 from analysis.models import FaceModels
 from database.errors import ModelError
-from database.mask import N_VERTICES
+from database.mask import N_VERTICES, OUTER_EYE_CORNERS
 
 Picture = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
 
 DETECTOR_SIZE = 128
 MESH_SIZE = 192
-EYES = (33, 263)
-"""Mesh points of the outer eye corners, left and right in the picture."""
 
 
 @dataclass(frozen=True)
@@ -212,14 +210,14 @@ class FaceFinder:
         # The network counts pixel edges from zero, we pixel centres.
         out[:, :2] = (points[:, :2] - 0.5) @ to_picture[:, :2].T + to_picture[:, 2]
         out[:, 2] = points[:, 2] * region.side / MESH_SIZE
-        eyes = np.linalg.norm(out[EYES[1], :2] - out[EYES[0], :2])
+        eyes = np.linalg.norm(out[OUTER_EYE_CORNERS[1], :2] - out[OUTER_EYE_CORNERS[0], :2])
         if score < self.settings.mesh_score or eyes < self.settings.smallest:
             return None
         return FaceMesh(out.astype(np.float32), score)
 
 
 def _region_of_mesh(points: Points, settings: FaceSettings) -> _Region:
-    eyes = points[EYES[1], :2] - points[EYES[0], :2]
+    eyes = points[OUTER_EYE_CORNERS[1], :2] - points[OUTER_EYE_CORNERS[0], :2]
     angle = float(np.arctan2(eyes[1], eyes[0]))
     c, s = np.cos(-angle), np.sin(-angle)
     turned = points[:, :2] @ np.array([[c, -s], [s, c]]).T

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.smoothing import smoothed_runs
-from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses
+from database.mask import INNER_LIPS, OUTER_EYE_CORNERS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -110,7 +110,8 @@ def mesh_mouth_height(landmarks: npt.NDArray[np.floating]) -> npt.NDArray[np.flo
         outer eye corners.
     """
     points = np.asarray(landmarks, dtype=np.float64)
-    eyes = points[:, 263] - points[:, 33]
+    left, right = OUTER_EYE_CORNERS
+    eyes = points[:, right] - points[:, left]
     length = np.linalg.norm(eyes, axis=1)
     down = np.stack([-eyes[:, 1], eyes[:, 0]], axis=1) / length[:, None]
     along = np.einsum("npk,nk->np", points[:, list(OUTER_LIPS)], down)

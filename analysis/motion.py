@@ -17,12 +17,20 @@ from scipy.ndimage import gaussian_filter
 
 from analysis.smoothing import smoothed
 from database.errors import FaceError
-from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
+from database.mask import (
+    INNER_LIPS,
+    OUTER_EYE_CORNERS,
+    OUTER_LIPS,
+    Camera,
+    Mask,
+    MouthPatch,
+    Poses,
+    project,
+)
 
 EYE_CORNER_DISTANCE: Final = 88.9
 """mm between the outer eye corners: the adult mean, which makes the mesh metric."""
 
-OUTER_EYE_CORNERS: Final = (33, 263)
 MOUTH_CORNERS: Final = (61, 291)
 FOREHEAD_TOP: Final = 10
 CHIN: Final = 152

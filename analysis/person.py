@@ -12,7 +12,7 @@ import numpy.typing as npt
 from analysis.face import FaceFinder, FaceMesh
 from analysis.motion import CropSettings, make_mask
 from database.errors import FaceError, UnitselError
-from database.mask import Camera, Mask
+from database.mask import OUTER_EYE_CORNERS, Camera, Mask
 from database.media import read_video
 
 ENOUGH_VIDEOS: Final = 5
@@ -20,7 +20,6 @@ ENOUGH_VIDEOS: Final = 5
 
 _BETWEEN_LIPS: Final = (13, 14)
 _NOSE_TIP: Final = 1
-_OUTER_EYE_CORNERS: Final = (33, 263)
 
 
 def find_person(
@@ -83,7 +82,7 @@ def find_person(
 
 def _fault(points: npt.NDArray[np.float32], width: int, height: int) -> float:
     """How far a face is from frontal, upright, closed and wholly seen; below 1 will do."""
-    left, right = points[_OUTER_EYE_CORNERS[0]], points[_OUTER_EYE_CORNERS[1]]
+    left, right = points[OUTER_EYE_CORNERS[0]], points[OUTER_EYE_CORNERS[1]]
     across = (right - left)[:2]
     eyes = float(np.linalg.norm(across))
     along = across / eyes

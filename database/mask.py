@@ -26,6 +26,9 @@ FloatArray = npt.NDArray[np.float32]
 N_VERTICES = 468
 """Vertices of the face mesh (Google's face_landmark model)."""
 
+OUTER_EYE_CORNERS = (33, 263)
+"""Mesh points of the outer eye corners, left and right in the picture."""
+
 OUTER_LIPS = (
     *(61, 185, 40, 39, 37, 0, 267, 269, 270, 409),
     *(291, 375, 321, 405, 314, 17, 84, 181, 91, 146),
