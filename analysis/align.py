@@ -2,31 +2,33 @@
 
 Two passes, as pocketsphinx wants it: the words first, then the phones inside them. The
 recogniser gives up on about one clip in twenty at its own beams and on digital silence always,
-so every attempt pads the sound and adds a faint noise, and later attempts search wider.
+so every attempt pads the sound and adds a faint noise; later ones change both and search wider.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from analysis.alignment import (
+    FRAME_SECONDS,
+    AlignedPhone,
+    Alignment,
+    Word,
+    as_alignment,
+    is_silence,
+    reaching,
+    untangled,
+)
 from analysis.g2p import with_guesses
 from database.errors import AlignmentError, PronunciationError
 from database.lexicon import Lexicon
 from database.sound import Sound
-from database.symbols import to_phonemes
 from database.timing.words import WordTrack, clean_word
-from database.track import Interval, PhonemeTrack
-
-FRAME_SECONDS = 0.01
-"""pocketsphinx counts time in hundredths of a second."""
-
-WORD_GAP = 0.02
-"""Seconds: words nearer than this to each other follow without silence."""
 
 RATE = 16000
 """Sampling rate of the acoustic model, 1/s."""
@@ -77,49 +79,6 @@ class AlignSettings:
     tolerance: float = 0.08
 
 
-@dataclass(frozen=True)
-class AlignedPhone:
-    """A phone in time, in the recogniser's ARPAbet (``SIL`` for silence)."""
-
-    start: float
-    end: float
-    symbol: str
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Words and phones of a clip.
-
-    Parameters
-    ----------
-    track : PhonemeTrack
-        From 0 to the sound's end.
-    words : WordTrack or None
-        None where phones were given without the times of words.
-    attempts : int
-        How many tries the recogniser needed; 1 is the usual, 0 means that phones were given.
-    notes : tuple of str
-        What was repaired, for the build's report.
-    text : str
-        The words.
-    """
-
-    track: PhonemeTrack
-    words: WordTrack | None
-    attempts: int
-    notes: tuple[str, ...] = field(default=())
-    text: str = ""
-
-    @property
-    def given(self) -> bool:
-        """Whether the phones were given and not found in the sound."""
-        return self.attempts == 0
-
-
-_Word = tuple[str, list[AlignedPhone]]
-"""A word, blank where it is silence, and its phones."""
-
-
 class Aligner:
     """Aligns sounds to words; keeps its recognisers, so use one for many clips.
 
@@ -162,7 +121,7 @@ class Aligner:
         found, attempts = self._search(samples, words, name)
         if attempts > 1:
             notes.append(f"aligned at attempt {attempts}")
-        return _result(found, len(samples) / RATE, attempts, tuple(notes), name)
+        return as_alignment(found, len(samples) / RATE, attempts, tuple(notes), name)
 
     def align_bounded(self, sound: Sound, words: WordTrack, *, name: str = "sound") -> Alignment:
         """Phones of a sound whose words and their times are known.
@@ -189,7 +148,7 @@ class Aligner:
             whole, attempts = [(w, []) for w in words.words], len(self.settings.attempts)
             notes.append("no attempt aligned the whole sentence; its words were aligned one by one")
         spoken = [w for w in whole if w[0]]
-        found: list[_Word] = []
+        found: list[Word] = []
         slack = self.settings.tolerance
         for (word, phones), start, end in zip(spoken, words.starts, words.ends, strict=True):
             low, high = float(start), min(float(end), duration)
@@ -198,8 +157,8 @@ class Aligner:
                 continue
             if not phones or phones[0].start < low - slack or phones[-1].end > high + slack:
                 phones = self._inside(samples, word, low, high, name, notes)
-            found.append((word, _reaching(phones, low, high, words)))
-        return _result(_untangled(found), duration, attempts, tuple(notes), name)
+            found.append((word, reaching(phones, low, high, words)))
+        return as_alignment(untangled(found), duration, attempts, tuple(notes), name)
 
     def _inside(
         self,
@@ -241,7 +200,7 @@ class Aligner:
 
     def _search(
         self, samples: npt.NDArray[np.float32], words: Sequence[str], name: str
-    ) -> tuple[list[_Word], int]:
+    ) -> tuple[list[Word], int]:
         for number, attempt in enumerate(self.settings.attempts, 1):
             found = self._try(samples, words, attempt)
             if found is not None:
@@ -253,7 +212,7 @@ class Aligner:
 
     def _try(
         self, samples: npt.NDArray[np.float32], words: Sequence[str], attempt: Attempt
-    ) -> list[_Word] | None:
+    ) -> list[Word] | None:
         decoder = self._decoder(attempt)
         names = [self._known(decoder, attempt, w) for w in words]
         data = _prepared(samples, attempt)
@@ -265,7 +224,7 @@ class Aligner:
             segments = decoder.seg()
             if segments is None:
                 return None
-            said = [_bare(s.word) for s in segments if not _is_silence(s.word)]
+            said = [_bare(s.word) for s in segments if not is_silence(s.word)]
             if said != names:
                 return None
             decoder.set_alignment()
@@ -276,10 +235,10 @@ class Aligner:
         if alignment is None:
             return None
         spoken = iter(words)
-        found: list[_Word] = []
+        found: list[Word] = []
         end_of_sound = len(samples) / RATE
         for w in alignment:
-            label = "" if _is_silence(w.name) else next(spoken, "")
+            label = "" if is_silence(w.name) else next(spoken, "")
             phones = []
             for p in w:
                 first = p.start * FRAME_SECONDS - attempt.pad
@@ -347,81 +306,6 @@ def _decode(decoder: Any, data: bytes) -> None:
         decoder.end_utt()
 
 
-def _is_silence(word: str) -> bool:
-    return word.startswith(("<", "+", "[")) or word == "SIL"
-
-
 def _bare(word: str) -> str:
     """A word without the number of its variant: ``a(2)`` is ``a``."""
     return word[: word.index("(")] if word.endswith(")") and "(" in word else word
-
-
-def _reaching(
-    phones: list[AlignedPhone], low: float, high: float, words: WordTrack
-) -> list[AlignedPhone]:
-    """A word's phones, drawn out to its bounds where silence lies beyond them.
-
-    The recogniser hears a weak first sound late and a weak last one not to its end; the lips
-    know better, and so does who gave the bounds.
-    """
-    out = list(phones)
-    if not any(abs(end - low) < WORD_GAP for end in words.ends) and out[0].start > low:
-        out[0] = AlignedPhone(low, out[0].end, out[0].symbol)
-    if not any(abs(start - high) < WORD_GAP for start in words.starts) and out[-1].end < high:
-        out[-1] = AlignedPhone(out[-1].start, high, out[-1].symbol)
-    return out
-
-
-def _untangled(words: list[_Word]) -> list[_Word]:
-    """Words whose phones do not overlap: the later one gives way."""
-    out: list[_Word] = []
-    now = 0.0
-    for word, phones in words:
-        kept = []
-        for p in phones:
-            start = max(p.start, now)
-            if p.end > start + 1e-9:
-                kept.append(AlignedPhone(start, p.end, p.symbol))
-                now = p.end
-        if kept:
-            out.append((word, kept))
-    return out
-
-
-def _table_intervals(phones: Sequence[AlignedPhone]) -> Iterator[Interval]:
-    for p in phones:
-        silent = _is_silence(p.symbol)
-        for label in ("sil",) if silent else to_phonemes(p.symbol, "arpabet"):
-            yield Interval(p.start, p.end, label)
-
-
-def _result(
-    found: list[_Word], duration: float, attempts: int, notes: tuple[str, ...], name: str
-) -> Alignment:
-    phones = [i for _, ps in found for i in _table_intervals(ps)]
-    if not phones:
-        raise AlignmentError(f"{name}: no word lies inside the sound")
-    if phones[-1].end < duration - 1e-6:
-        phones.append(Interval(phones[-1].end, duration, "sil"))
-    track = PhonemeTrack.from_intervals(_merged(phones), name=name)
-    spoken = [(w, ps) for w, ps in found if w and ps]
-    words = WordTrack(
-        tuple(w for w, _ in spoken),
-        tuple(ps[0].start for _, ps in spoken),
-        tuple(ps[-1].end for _, ps in spoken),
-        duration,
-        name,
-    )
-    return Alignment(track, words, attempts, notes, " ".join(words.words))
-
-
-def _merged(intervals: Sequence[Interval]) -> list[Interval]:
-    """Neighbouring silences made one."""
-    out: list[Interval] = []
-    for it in intervals:
-        last = out[-1] if out else None
-        if last and last.label == it.label == "sil" and it.start - last.end < FRAME_SECONDS:
-            out[-1] = Interval(last.start, it.end, "sil")
-        else:
-            out.append(it)
-    return out

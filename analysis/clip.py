@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from analysis.align import Aligner, Alignment
+from analysis.align import Aligner
+from analysis.alignment import Alignment
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
 from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue

@@ -17,7 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from analysis.align import Aligner, Alignment
+from analysis.align import Aligner
+from analysis.alignment import Alignment
 from database.errors import CorpusError, TimingError
 from database.sound import Sound
 from database.timing import Timing, read_timing, read_words, timing_extensions

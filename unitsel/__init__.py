@@ -33,7 +33,8 @@ for _name in ("database", "analysis", "render"):
             else f"unitsel's own package {_name!r} is missing ({_expected}); install unitsel again"
         )
 
-from analysis.align import Alignment, AlignSettings, Attempt  # noqa: E402
+from analysis.align import AlignSettings, Attempt  # noqa: E402
+from analysis.alignment import Alignment  # noqa: E402
 from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E402
 from analysis.face import FaceSettings  # noqa: E402
 from analysis.lag import LagSettings  # noqa: E402

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from analysis.align import Aligner, Alignment
+from analysis.align import Aligner
+from analysis.alignment import Alignment
 from analysis.g2p import speaking_lexicon, with_guesses
 from database.errors import PronunciationError, TimingError
 from database.lexicon import spread_words
