@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.cost_model import fit_cost_model
+from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
 from analysis.shards import Shard, read_shard
 from analysis.texture import (
@@ -18,9 +19,11 @@ from analysis.texture import (
     normalise,
     texture_weights,
 )
+from database.guide_model import mouth_parameters
 from database.mask import Camera, Mask
 from database.phonemes import VISEME_OF
 from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Units
+from database.sound_features import moved_features
 from database.track import PhonemeTrack, context_frames, context_windows
 
 
@@ -32,6 +35,8 @@ def assemble(
     fps: float,
     texture: TextureSettings,
     lag: LagSettings,
+    guide: GuideSettings,
+    jobs: int,
     settings: dict[str, Any],
     skipped: dict[str, str],
     tell: Callable[[str, int, int], None],
@@ -44,8 +49,10 @@ def assemble(
         The analysed clips, in order.
     mask, camera, fps
         Of the database.
-    texture, lag
+    texture, lag, guide
         Settings of what depends on all clips.
+    jobs : int
+        Networks fitted at a time.
     settings : dict
         All settings of the build, for the record.
     skipped : dict
@@ -80,7 +87,10 @@ def assemble(
 
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
     frames = [shard["frame"] for shard in opened]
-    tracks, notes = _in_step(shards, frames, np.split(heights, first[1:]), pca, fps, lag)
+    tracks, lags, notes = _in_step(shards, frames, np.split(heights, first[1:]), pca, fps, lag)
+    sound = tuple(
+        moved_features(shard["sound"], seconds) for shard, seconds in zip(opened, lags, strict=True)
+    )
     n = context_frames(fps)
     contexts = [
         context_windows(track.sample(fps, shard.frames), n)[numbers]
@@ -121,6 +131,11 @@ def assemble(
         start=np.concatenate([t.boundaries[:-1] for t in tracks]),
         end=np.concatenate([t.boundaries[1:] for t in tracks]),
     )
+    parameters = np.split(mouth_parameters(units), first[1:])
+    learnt = [
+        GuideClip(track, (numbers + 0.5) / fps, mouths, heard)
+        for track, numbers, mouths, heard in zip(tracks, frames, parameters, sound, strict=True)
+    ]
     report = {
         "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
         "repaired": [{"clip": c, "note": note} for c, note in notes],
@@ -134,6 +149,8 @@ def assemble(
         camera=camera,
         texture=model,
         costs=fit_cost_model(units, context, model.eigenvalues, fps),
+        sound=sound,
+        guides=fit_guides(learnt, guide, jobs, tell),
         settings=settings,
         report=report,
     )
@@ -147,29 +164,33 @@ def _in_step(
     pca: Sequence[npt.NDArray[np.float32]],
     fps: float,
     lag_settings: LagSettings,
-) -> tuple[list[PhonemeTrack], tuple[tuple[str, str], ...]]:
-    """Tracks in step with the picture, and all repairs, clip by clip."""
+) -> tuple[list[PhonemeTrack], list[float], tuple[tuple[str, str], ...]]:
+    """Tracks in step with the picture, by how much each was moved, and all repairs."""
     expected = [np.column_stack([h, p[:, 0]]) for h, p in zip(heights, pca, strict=True)]
     original = [s.track for s in shards]
     lags = find_lags(original, frames, expected, fps, lag_settings)
     tracks = []
+    applied = []
     notes = []
     for shard, lag in zip(shards, lags, strict=True):
         notes += [(shard.name, note) for note in shard.notes]
         if lag == 0.0:
             tracks.append(shard.track)
+            applied.append(0.0)
             continue
         side = "later" if lag > 0 else "earlier"
         what = f"lips move {abs(lag):.2f} s {side} than the "
         if shard.given:
             # Whoever times phones by hand knows better than we do.
             tracks.append(shard.track)
+            applied.append(0.0)
             what += "phones of the timing file, which were left as they are"
         else:
             tracks.append(moved(shard.track, lag, shard.frames / fps))
+            applied.append(lag)
             what += "sound; phones moved"
         notes.append((shard.name, what))
-    return tracks, tuple(notes)
+    return tracks, applied, tuple(notes)
 
 
 def _fit_texture(

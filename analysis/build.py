@@ -28,6 +28,7 @@ from analysis.clip import AnalysedClip, analyse_clip
 from analysis.corpus import Clip, find_clips
 from analysis.face import FaceFinder, FaceSettings
 from analysis.g2p import speaking_lexicon
+from analysis.guide import GuideSettings
 from analysis.lag import LagSettings
 from analysis.models import FaceModels, find_models
 from analysis.motion import CropSettings, MotionSettings
@@ -60,7 +61,7 @@ class BuildSettings:
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
         Codec of the stored pictures.
-    face, motion, crop, texture, align, lag
+    face, motion, crop, texture, align, lag, guide
         Settings of the steps.
     """
 
@@ -72,6 +73,7 @@ class BuildSettings:
     texture: TextureSettings = field(default_factory=TextureSettings)
     align: AlignSettings = field(default_factory=AlignSettings)
     lag: LagSettings = field(default_factory=LagSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,8 @@ def build_database(
                 fps=fps,
                 texture=chosen.texture,
                 lag=chosen.lag,
+                guide=chosen.guide,
+                jobs=jobs,
                 settings=asdict(chosen),
                 skipped=skipped,
                 tell=tell,

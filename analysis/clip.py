@@ -24,6 +24,7 @@ from database.mask import Camera, Mask, Poses, cut_crop
 from database.media import MediaInfo, probe, read_video
 from database.pictures import encode
 from database.sound import Sound, read_sound
+from database.sound_features import BANDS, sound_features
 
 SHORTEST_RUN = 3
 """Frames: a face seen for less is a false alarm, and no pose can be smoothed over it."""
@@ -76,6 +77,8 @@ class AnalysedClip:
         Crops at the size of `analysis.texture`.
     pictures : list of bytes
         Encoded crops; empty where no codec was asked for.
+    sound : (steps, 26) float16
+        `database.sound_features.sound_features`; no steps where the clip has no sound.
     """
 
     name: str
@@ -89,6 +92,7 @@ class AnalysedClip:
     tongue: npt.NDArray[np.float32]
     reduced: npt.NDArray[np.uint8]
     pictures: list[bytes]
+    sound: npt.NDArray[np.float16]
 
 
 def track_face(
@@ -220,7 +224,8 @@ def analyse_clip(
     """
     cv2.setNumThreads(1)  # Clips are analysed side by side; threads inside would fight.
     info = probe(clip.media)
-    alignment = align_clip(clip, _sound_of(info), info.duration, aligner)
+    sound = _sound_of(info)
+    alignment = align_clip(clip, sound, info.duration, aligner)
     face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
@@ -243,6 +248,7 @@ def analyse_clip(
         np.array([tongue for _, tongue in seen], np.float32),
         np.stack(reduced),
         pictures,
+        _features_of(sound),
     )
 
 
@@ -254,3 +260,9 @@ def sha256_of(path: Path) -> str:
 
 def _sound_of(info: MediaInfo) -> Sound | None:
     return read_sound(info.path) if info.has_sound else None
+
+
+def _features_of(sound: Sound | None) -> npt.NDArray[np.float16]:
+    if sound is None:
+        return np.zeros((0, BANDS), dtype=np.float16)
+    return sound_features(sound).astype(np.float16)

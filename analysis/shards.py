@@ -89,6 +89,7 @@ def write_shard(path: Path, clip: AnalysedClip) -> Shard:
         teeth=clip.teeth,
         tongue=clip.tongue,
         reduced=clip.reduced,
+        sound=clip.sound,
         picture_length=np.array([len(p) for p in clip.pictures], np.int64),
         picture_data=np.frombuffer(b"".join(clip.pictures), np.uint8),
     )

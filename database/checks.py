@@ -15,7 +15,15 @@ import numpy.typing as npt
 
 from database.mask import Camera, Mask
 from database.phonemes import N_PHONEMES, VISEME_OF
-from database.schema import CostModel, Field, Phones, Sequences, TextureModel, Units
+from database.schema import (
+    CostModel,
+    Field,
+    GuideModel,
+    Phones,
+    Sequences,
+    TextureModel,
+    Units,
+)
 from database.track import SMALL_GAP
 
 Array = npt.NDArray[Any]
@@ -187,3 +195,18 @@ def check_costs(costs: CostModel) -> None:
         raise ValueError("costs/feature_scales holds a negative scale")
     if costs.target_scale <= 0 or costs.visual_scale <= 0:
         raise ValueError("costs/target_scale and costs/visual_scale must be positive")
+
+
+def check_guide(kind: str, guide: GuideModel) -> None:
+    """Check a guide: finite numbers, inputs in order, scales that keep a trajectory's sign."""
+    _check_finite_fields(f"guide_{kind}", guide)
+    if (guide.columns < 0).any() or (np.diff(guide.columns) <= 0).any():
+        raise ValueError(f"guide_{kind}/columns must ascend from 0 on")
+    if (guide.scale < 0).any() or (guide.gain < 0).any():
+        raise ValueError(f"guide_{kind}/scale and guide_{kind}/gain must not be negative")
+
+
+def check_sound(steps: npt.NDArray[np.int32], n_steps: int) -> None:
+    """Check that the sequences' sounds are all of the sound there is."""
+    if (steps < 0).any() or int(steps.sum(dtype=np.int64)) != n_steps:
+        raise ValueError(f"sound/steps do not add up to the {n_steps} of sound/features")

@@ -23,7 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import SelectionError
-from database.schema import CostModel, Units
+from database.guide_model import Mouths
+from database.schema import CostModel
+from database.track import CONTEXT_SECONDS
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,6 +34,10 @@ GROUPS: Final = ("pca", "lips", "teeth", "tongue")
 
 CONTEXT_RATE: Final = 50.0
 """beta1 is per frame at this rate (1/s)."""
+
+
+LONGEST_CONTEXT: Final = 1.0
+"""Seconds; beyond it phonemes say nothing of the mouth any more."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,8 @@ class CostSettings:
         Growth of the skip cost, 0 or more (equation 8).
     p : int
         Difference of frame numbers from which on the skip cost is the greatest (equation 8).
+    context : float
+        Seconds of context on each side of a frame (equation 1).
     components : int
         K, the number of PCA weights in M (equation 5); used by the build only.
     features : FeatureWeights
@@ -94,6 +102,7 @@ class CostSettings:
     beta2: float = 0.1
     beta3: float = 0.6
     p: int = 5
+    context: float = CONTEXT_SECONDS
     components: int = 12
     features: FeatureWeights = field(default_factory=FeatureWeights)
 
@@ -107,6 +116,11 @@ class CostSettings:
             raise SelectionError(f"cost settings: beta3 must be 0 or more, got {self.beta3:g}")
         if self.p < 2:
             raise SelectionError(f"cost settings: p must be 2 or more, got {self.p}")
+        if not 0 < self.context <= LONGEST_CONTEXT:
+            raise SelectionError(
+                f"cost settings: context must lie above 0 and up to {LONGEST_CONTEXT:g} seconds, "
+                f"got {self.context:g}"
+            )
         if self.components < 1:
             raise SelectionError(
                 f"cost settings: components must be 1 or more, got {self.components}"
@@ -149,13 +163,13 @@ def skip_costs(beta3: float, p: int) -> FloatArray:
     return g
 
 
-def feature_groups(units: Units, eigenvalues: npt.NDArray[np.floating]) -> tuple[FloatArray, ...]:
+def feature_groups(units: Mouths, eigenvalues: npt.NDArray[np.floating]) -> tuple[FloatArray, ...]:
     """Features of each unit, one array a group, scaled inside the group.
 
     Parameters
     ----------
-    units : Units
-        N units.
+    units : Mouths
+        N units, or N predicted mouths.
     eigenvalues : (K or more,) float
         Variance along each PCA component.
 
@@ -180,7 +194,7 @@ def feature_groups(units: Units, eigenvalues: npt.NDArray[np.floating]) -> tuple
 
 
 def visual_features(
-    units: Units,
+    units: Mouths,
     eigenvalues: npt.NDArray[np.floating],
     costs: CostModel,
     weights: FeatureWeights,
@@ -189,8 +203,8 @@ def visual_features(
 
     Parameters
     ----------
-    units : Units
-        N units.
+    units : Mouths
+        N units, or N predicted mouths.
     eigenvalues : (K or more,) float
         Variance along each PCA component.
     costs : CostModel

@@ -9,6 +9,7 @@ from typing import Final
 import h5py
 import numpy as np
 
+from database.reader import UnitDatabase
 from database.schema import UNHASHED_ATTRIBUTES
 from database.storage import open_file, reading
 
@@ -61,3 +62,40 @@ def content_hash(path: str | Path) -> str:
                 add("group", name)
             add_attributes(item)
     return digest.hexdigest()
+
+
+def identity(database: UnitDatabase) -> str:
+    """What tells a database's costs from another's, in milliseconds.
+
+    Weights hold for the units, the phoneme distances and the scales that they were trained
+    with. Two databases with the same of these have the same identity, whatever else (pictures,
+    media paths, default settings) is different.
+
+    Parameters
+    ----------
+    database : UnitDatabase
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    units, costs = database.units, database.costs
+    digest = hashlib.sha256()
+    for array in (
+        units.sequence,
+        units.frame,
+        units.phoneme,
+        units.pca,
+        units.mouth_width,
+        units.mouth_height,
+        units.inner_opening,
+        units.teeth,
+        units.tongue,
+        costs.phoneme_distance,
+        costs.feature_scales,
+        np.array([database.fps, costs.target_scale, costs.visual_scale]),
+    ):
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]

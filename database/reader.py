@@ -22,7 +22,16 @@ from database import checks
 from database.errors import DatabaseError
 from database.mask import N_VERTICES, Camera, Mask, MouthPatch
 from database.pictures import CODECS, Picture, decode
-from database.schema import F32, CostModel, Phones, Sequences, TextureModel, Units
+from database.schema import (
+    F32,
+    GUIDES,
+    CostModel,
+    GuideModel,
+    Phones,
+    Sequences,
+    TextureModel,
+    Units,
+)
 from database.storage import open_file, read_field, read_text_attribute, reading
 from database.track import PhonemeTrack, context_windows
 
@@ -190,6 +199,61 @@ class UnitDatabase:
             checks.check_costs(part)
             return part
 
+    @cached_property
+    def guides(self) -> tuple[str, ...]:
+        """Names of the guides that the database holds (`database.schema.GUIDES`)."""
+        with reading(self.path):
+            return tuple(kind for kind in GUIDES if f"guide_{kind}" in self._file)
+
+    def guide(self, kind: str) -> GuideModel:
+        """Read a guide: a prediction of the mouth (database/guide_model.py).
+
+        Raises
+        ------
+        DatabaseError
+            If the database holds none of this name, or it is damaged.
+        """
+        if kind not in self.guides:
+            raise DatabaseError(
+                f"{self.path}: holds no guide from {kind}; build it again from at least "
+                "20 clips (with sound), or choose the target cost 'paper'"
+            )
+        with reading(self.path):
+            part = GuideModel(**self._group(f"guide_{kind}", GuideModel))
+            checks.check_guide(kind, part)
+            return part
+
+    def sound(self, i: int) -> npt.NDArray[np.float16] | None:
+        """Features of a sequence's sound, in the time of its phones; None where it has none.
+
+        Returns
+        -------
+        (steps, 26) float16
+            See database/sound_features.py.
+        """
+        sequence = self._index(i, self._sizes["S"], "sequence")
+        with reading(self.path):
+            if "sound" not in self._file:
+                return None
+            steps = self._sound_steps
+            end = int(steps[: sequence + 1].sum())
+            part = self._file["sound/features"][end - int(steps[sequence]) : end]
+            checks.check_finite("sound/features", part)
+            return part if len(part) else None
+
+    @cached_property
+    def _sound_steps(self) -> npt.NDArray[np.int32]:
+        steps: npt.NDArray[np.int32] = self._read("sound/steps")
+        checks.check_sound(steps, self._sizes["F"])
+        return steps
+
+    @cached_property
+    def selection(self) -> dict[str, Any]:
+        """Settings of the selection that the database asks for; empty where it asks for none."""
+        with reading(self.path):
+            there = "selection/settings" in self._file
+        return self._document("settings", "selection") if there else {}
+
     def landmarks(self, rows: Sequence[int] | npt.NDArray[np.integer] | slice) -> F32:
         """Raw face meshes of some units.
 
@@ -305,11 +369,11 @@ class UnitDatabase:
     def _group(self, group: str, kind: type[Any]) -> dict[str, Any]:
         return {f.name: self._read(f"{group}/{f.name}") for f in fields(kind)}
 
-    def _document(self, name: str) -> dict[str, Any]:
+    def _document(self, name: str, group: str = "build") -> dict[str, Any]:
         with reading(self.path):
-            document = json.loads(self._read(f"build/{name}")[0])
+            document = json.loads(self._read(f"{group}/{name}")[0])
             if not isinstance(document, dict):
-                raise ValueError(f"build/{name} is no JSON object")
+                raise ValueError(f"{group}/{name} is no JSON object")
             return document
 
     def _index(self, i: int, n: int, what: str) -> int:

@@ -45,6 +45,9 @@ class Field:
         A name stands for a size that is the same wherever the name occurs.
     unit, meaning : str
         For the reader of `field_table`.
+    optional : bool
+        Whether a database may do without it; a group of optional fields is there as a whole or
+        not at all.
     """
 
     path: str
@@ -52,6 +55,32 @@ class Field:
     shape: tuple[str | int, ...]
     unit: str
     meaning: str
+    optional: bool = False
+
+
+GUIDES: Final = ("phonemes", "sound")
+"""Predictions of the mouth that a database may hold: from the phonemes around a frame, and from
+the phonemes and the sound around it."""
+
+
+def _guide_fields(kind: str) -> tuple[Field, ...]:
+    """Fields of one guide; its sizes are its own."""
+    e, i, h = f"E {kind}", f"I {kind}", f"H {kind}"
+    described = (
+        ("columns", "int32", (i,), "index", "inputs that are used (database/guide_model.py)"),
+        ("hidden", "float32", (e, i, h), "1", "weights of the hidden layer of each of E networks"),
+        ("hidden_bias", "float32", (e, h), "1", "its biases"),
+        ("output", "float32", (e, h, "O"), "1", "weights of the output layer"),
+        ("output_bias", "float32", (e, "O"), "1", "its biases"),
+        ("mean", "float32", ("O",), "parameter's", "added to the scaled outputs"),
+        ("scale", "float32", ("O",), "parameter's", "the outputs are multiplied by it"),
+        ("gain", "float32", ("O",), "1", "restores the motion that predictions lack"),
+        ("skill", "float32", ("O",), "1", "correlation inside speech on clips that were held back"),
+    )
+    return tuple(
+        Field(f"guide_{kind}/{name}", dtype, shape, unit, meaning, optional=True)
+        for name, dtype, shape, unit, meaning in described
+    )
 
 
 # fmt: off
@@ -114,6 +143,14 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("build/versions", "string", (1,), "",
           "versions of unitsel and of the libraries that shaped the content, JSON"),
     Field("build/report", "string", (1,), "", "what the build skipped or repaired, JSON"),
+    Field("selection/settings", "string", (1,), "",
+          "settings of the selection that this database asks for, JSON", optional=True),
+    Field("sound/features", "float16", ("F", 26), "1",
+          "mel spectrum of all clips that have sound (database/sound_features.py), one after "
+          "another, in the time of their phones", optional=True),
+    Field("sound/steps", "int32", ("S",), "count",
+          "steps of each sequence's sound, 100 a second; 0 without sound", optional=True),
+    *(f for kind in GUIDES for f in _guide_fields(kind)),
 )
 # fmt: on
 """All datasets."""
@@ -220,6 +257,21 @@ class CostModel:
 
 
 @dataclass(frozen=True)
+class GuideModel:
+    """A small ensemble of networks that predicts a mouth; see `FIELDS` and `guide_model`."""
+
+    columns: npt.NDArray[np.int32]
+    hidden: F32
+    hidden_bias: F32
+    output: F32
+    output_bias: F32
+    mean: F32
+    scale: F32
+    gain: F32
+    skill: F32
+
+
+@dataclass(frozen=True)
 class DatabaseContent:
     """All of a database but its pictures and landmarks, which come unit by unit."""
 
@@ -231,5 +283,7 @@ class DatabaseContent:
     camera: Camera
     texture: TextureModel
     costs: CostModel
+    sound: tuple[npt.NDArray[np.float16], ...] = ()
+    guides: dict[str, GuideModel] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)

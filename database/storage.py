@@ -86,7 +86,9 @@ def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
         sizes: dict[str, int] = {}
         with reading(path):
             for field in FIELDS:
-                _check_dataset(file, field, sizes)
+                # A group of optional fields is there as a whole or not at all.
+                if not field.optional or field.path.partition("/")[0] in file:
+                    _check_dataset(file, field, sizes)
     except BaseException:
         file.close()
         raise

@@ -36,9 +36,9 @@ def frame_count(duration: float, fps: float) -> int:
     return max(1, round(duration * fps))
 
 
-def context_frames(fps: float) -> int:
+def context_frames(fps: float, seconds: float = CONTEXT_SECONDS) -> int:
     """Frames of context on each side of a frame: 0.2 s, so 10 at 50 fps and 5 at 25."""
-    return max(1, round(CONTEXT_SECONDS * fps))
+    return max(1, round(seconds * fps))
 
 
 def context_windows(phonemes: npt.NDArray[np.integer], n: int) -> npt.NDArray[np.uint8]:

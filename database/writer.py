@@ -24,16 +24,19 @@ from database.outfile import whole_file, writing
 from database.pictures import decode, find_codec
 from database.schema import (
     FIELDS,
+    GUIDES,
     SCHEMA_NAME,
     SCHEMA_VERSION,
     CostModel,
     DatabaseContent,
     Field,
+    GuideModel,
     Phones,
     Sequences,
     TextureModel,
     Units,
 )
+from database.storage import open_file
 
 Array = npt.NDArray[Any]
 Progress = Callable[[int, int], None]
@@ -43,6 +46,7 @@ FORMAT: Final = ("v110", "latest")
 """Oldest HDF5 format to write. From 1.10 on, all metadata has checksums. The newest format of
 HDF5 2 has no more of them, and HDF5 1.14, which older h5py brings, cannot read it."""
 
+SELECTION: Final = next(f for f in FIELDS if f.path == "selection/settings")
 CHUNK_BYTES: Final = 8 << 20
 LANDMARK_ROWS: Final = 32
 PICTURE_ROWS: Final = 256
@@ -110,7 +114,7 @@ def write_database(
             with writing(path):
                 _write_attributes(file, content.fps, codec, jobs)
                 for f in FIELDS:
-                    if f.path != "pictures/data":
+                    if f.path != "pictures/data" and f.path in arrays:
                         _write_dataset(file, f, arrays[f.path])
                         sink.check()
             for done in _write_pictures(path, file, spool, lengths):
@@ -118,6 +122,38 @@ def write_database(
                     sink.check()
                 if progress is not None:
                     progress(done, sizes["N"])
+
+
+def store_selection(path: str | Path, document: dict[str, Any]) -> None:
+    """Put the settings of the selection that a database asks for into its file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The database; a copy with the settings replaces it once that is complete.
+    document : dict
+        The settings as JSON values; an empty one takes them out.
+
+    Raises
+    ------
+    DatabaseError
+        If the file is no database or cannot be written; it is as it was then.
+    """
+    path = Path(path)
+    open_file(path)[0].close()
+    try:
+        text = _as_bytes(SELECTION.path, [_json(SELECTION.path, document)])
+    except ValueError as error:
+        raise DatabaseError(f"{path}: not written: {error}") from error
+    with path.open("rb") as old, whole_file(path) as sink, writing(path):
+        while block := old.read(CHUNK_BYTES):
+            sink.write(block)
+        sink.check()
+        with contextlib.closing(h5py.File(sink, "r+", libver=FORMAT)) as file:
+            if SELECTION.path in file:
+                del file[SELECTION.path.partition("/")[0]]
+            if document:
+                _write_dataset(file, SELECTION, text)
 
 
 @contextlib.contextmanager
@@ -144,17 +180,24 @@ def _prepare(
     for name in ("costs/target_scale", "costs/visual_scale"):
         values[name] = [values[name]]
     patch, camera = content.mask.patch, content.camera
+    if any(len(s) for s in content.sound):
+        values["sound/features"] = np.concatenate(content.sound)
+        values["sound/steps"] = [len(s) for s in content.sound]
+    for kind, guide in content.guides.items():
+        values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
     values["mask/vertices"] = content.mask.vertices
     values["mask/grid"] = patch.grid
     values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
     values["camera"] = [camera.focal, camera.cx, camera.cy, camera.width, camera.height]
-    values["build/settings"] = [_json("settings", content.settings)]
-    values["build/report"] = [_json("report", content.report)]
-    values["build/versions"] = [_json("versions", library_versions())]
+    values["build/settings"] = [_json("build/settings", content.settings)]
+    values["build/report"] = [_json("build/report", content.report)]
+    values["build/versions"] = [_json("build/versions", library_versions())]
     sizes: dict[str, int] = {}
     arrays = {}
     for f in FIELDS:
-        if f.path not in ("pictures/data", "pictures/length"):
+        if f.path not in ("pictures/data", "pictures/length") and (
+            not f.optional or f.path in values
+        ):
             arrays[f.path] = _as_stored(f, values[f.path])
             checks.match_shape(f, arrays[f.path].shape, sizes)
 
@@ -169,6 +212,12 @@ def _prepare(
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))
+    if "sound/steps" in arrays:
+        checks.check_sound(arrays["sound/steps"], sizes["F"])
+    for kind in content.guides:
+        if kind not in GUIDES:
+            raise ValueError(f"there is no guide {kind!r}, only {', '.join(GUIDES)}")
+        checks.check_guide(kind, stored(f"guide_{kind}", GuideModel))
     return arrays, sizes
 
 
@@ -176,7 +225,7 @@ def _json(name: str, document: dict[str, Any]) -> str:
     try:
         return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"build/{name} cannot be written as JSON: {error}") from error
+        raise ValueError(f"{name} cannot be written as JSON: {error}") from error
 
 
 def _as_stored(field: Field, value: Any) -> Array:

@@ -15,10 +15,11 @@ from pathlib import Path
 from database.errors import DatabaseError
 from database.fingerprint import content_hash
 from database.reader import UnitDatabase, open_database
+from database.schema import GUIDES
 
 MEMBERS = (
     *("fps", "codec", "settings", "versions", "report", "units", "sequences"),
-    *("phones", "mask", "camera", "texture", "costs"),
+    *("phones", "mask", "camera", "texture", "costs", "guides", "selection"),
 )
 
 
@@ -35,6 +36,9 @@ def reads(database: UnitDatabase):
     yield "context", lambda: database.context(3)
     for s in range(2):
         yield f"track {s}", lambda s=s: database.sequence_track(s)
+        yield f"sound {s}", lambda s=s: database.sound(s)
+    for kind in GUIDES:
+        yield f"guide {kind}", lambda kind=kind: database.guide(kind)
     for i in range(len(database)):
         yield f"picture {i}", lambda i=i: database.picture(i)
         yield f"landmarks {i}", lambda i=i: database.landmarks([i])

@@ -8,6 +8,7 @@ same phoneme look alike, neighbours look more alike, and all fields agree with o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,17 @@ from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Pose
 from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
 from database.schema import (
+    GUIDES,
     CostModel,
     DatabaseContent,
+    GuideModel,
     Phones,
     Sequences,
     TextureModel,
     Units,
 )
 from database.track import PhonemeTrack
-from database.writer import write_database
+from database.writer import store_selection, write_database
 
 LACKING = ("er", "ng", "oy", "sh", "uh", "zh")
 """Phonemes that GRID's 51 words lack; by default they do not occur here either."""
@@ -53,6 +56,7 @@ def make_content(
     missing_in: int | None = 1,
     phonemes: Sequence[str] | None = None,
     names: Sequence[str] | None = None,
+    guided: bool = False,
 ) -> tuple[DatabaseContent, list[np.ndarray], np.ndarray]:
     """Make up a database.
 
@@ -72,6 +76,8 @@ def make_content(
         Sequence whose frames `MISSING` show no face; those beyond its end do not count.
     phonemes : sequence of str, optional
         Phonemes to speak; all but `LACKING` by default.
+    guided : bool
+        With random sound and guides, and a stored document of settings.
     names : sequence of str, optional
         Clip names; ``clip00`` and so on by default.
 
@@ -164,6 +170,10 @@ def make_content(
         settings={"made_up": True, "seed": seed},
         report={"skipped": [], "repaired": []},
     )
+    if guided:
+        sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
+        guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
+        content = replace(content, sound=sound, guides=guides)
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -171,7 +181,28 @@ def make_database(path: str | Path, *, codec: str = "png", **settings: Any) -> P
     """Write the database of `make_content` with the same settings to a file."""
     content, pictures, landmarks = make_content(**settings)
     write_database(path, content, (encode(p, codec) for p in pictures), landmarks, codec)
+    if content.guides:
+        store_selection(path, {"made_up": True})
     return Path(path)
+
+
+def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
+    """Random networks; a fitted guide takes a corpus (tests/test_guide.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape).astype(np.float32)
+
+    return GuideModel(
+        columns=np.arange(3, 9, dtype=np.int32),
+        hidden=some(2, 6, 4),
+        hidden_bias=some(2, 4),
+        output=some(2, 4, outputs),
+        output_bias=some(2, outputs),
+        mean=some(outputs),
+        scale=np.abs(some(outputs)),
+        gain=np.ones(outputs, dtype=np.float32),
+        skill=np.zeros(outputs, dtype=np.float32),
+    )
 
 
 def _speak(

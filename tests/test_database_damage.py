@@ -21,7 +21,8 @@ PROBE = Path(__file__).with_name("damage_probe.py")
 @pytest.fixture(scope="module")
 def path(makedb, tmp_path_factory):
     size = {"sequences": 2, "frames": 12, "crop": (16, 18), "missing_in": None, "weights": 3}
-    return makedb.make_database(tmp_path_factory.mktemp("damage") / "x.h5", **size)
+    path = tmp_path_factory.mktemp("damage") / "x.h5"
+    return makedb.make_database(path, guided=True, **size)
 
 
 @pytest.fixture

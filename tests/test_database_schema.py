@@ -5,11 +5,14 @@ from dataclasses import fields
 import h5py
 import pytest
 
+from database.errors import DatabaseError
 from database.fingerprint import content_hash
+from database.reader import open_database
 from database.schema import (
     ATTRIBUTES,
     FIELDS,
     CostModel,
+    GuideModel,
     Phones,
     Sequences,
     TextureModel,
@@ -31,22 +34,38 @@ def datasets(path):
     return found
 
 
-def test_a_file_holds_the_fields_and_nothing_else(small_db):
-    assert sorted(datasets(small_db)) == sorted(f.path for f in FIELDS)
+@pytest.fixture(scope="module")
+def full_db(makedb, tmp_path_factory):
+    """Make up a database with all that is optional."""
+    size = {"sequences": 2, "frames": 12, "crop": (16, 16)}
+    return makedb.make_database(tmp_path_factory.mktemp("full") / "x.h5", guided=True, **size)
 
 
-def test_every_dataset_has_checksums(small_db):
-    assert [name for name, (_, _, checked, _) in datasets(small_db).items() if not checked] == []
+def test_a_file_holds_the_fields_and_nothing_else(full_db, small_db):
+    assert sorted(datasets(full_db)) == sorted(f.path for f in FIELDS)
+    assert sorted(datasets(small_db)) == sorted(f.path for f in FIELDS if not f.optional)
 
 
-def test_every_string_has_a_fixed_length(small_db):
+def test_half_an_optional_group_is_damage(full_db, tmp_path):
+    (tmp_path / "x.h5").write_bytes(full_db.read_bytes())
+    with h5py.File(tmp_path / "x.h5", "r+") as file:
+        del file["guide_sound/gain"]
+    with pytest.raises(DatabaseError, match="guide_sound/gain is missing"):
+        open_database(tmp_path / "x.h5")
+
+
+def test_every_dataset_has_checksums(full_db):
+    assert [name for name, (_, _, checked, _) in datasets(full_db).items() if not checked] == []
+
+
+def test_every_string_has_a_fixed_length(full_db):
     """Variable lengths would lie on HDF5's global heap, which has no checksums."""
-    found = datasets(small_db)
+    found = datasets(full_db)
     texts = [f.path for f in FIELDS if f.dtype == "string"]
     assert texts
     for path in texts:
         assert h5py.check_string_dtype(found[path][0]).length is not None
-    with h5py.File(small_db) as file:
+    with h5py.File(full_db) as file:
         for name in file.attrs:
             assert file.attrs.get_id(name).dtype.kind in "Sif", name
 
@@ -74,6 +93,8 @@ def test_metadata_is_of_a_format_with_checksums(small_db):
         ("phones", Phones, set()),
         ("texture", TextureModel, set()),
         ("costs", CostModel, set()),
+        ("guide_phonemes", GuideModel, set()),
+        ("guide_sound", GuideModel, set()),
     ],
 )
 def test_dataclasses_name_the_fields_of_their_group(group, kind, apart):

@@ -6,15 +6,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from database.errors import DatabaseError
+from database.fingerprint import content_hash, identity
 from database.mask import Camera
 from database.pictures import encode
 from database.reader import open_database
 from database.schema import DatabaseContent
-from database.writer import write_database
+from database.writer import store_selection, write_database
 
 SIZE = {"sequences": 2, "frames": 12, "crop": (16, 18), "missing_in": None}
 HERE = Path(__file__).parent
@@ -205,7 +207,7 @@ makedb = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(makedb)
 from database.errors import DatabaseError
 from database.pictures import encode
-from database.writer import write_database
+from database.writer import store_selection, write_database
 
 content, pictures, landmarks = makedb.make_content(
     sequences=2, frames=12, crop=(16, 18), missing_in=None
@@ -263,3 +265,53 @@ except DatabaseError as error:
     assert "x.h5: cannot be written: " in out and out.count("\n") == 1, out + err
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+# The settings of the selection
+
+
+def test_settings_of_the_selection_are_stored_replaced_and_taken_out(makedb, tmp_path):
+    path = makedb.make_database(tmp_path / "a.h5", sequences=2, frames=12, crop=(16, 16))
+    before = content_hash(path)
+    with open_database(path) as database:
+        assert database.selection == {}
+        same = identity(database)
+    store_selection(path, {"weights": {"skip": 0.5}})
+    store_selection(path, {"weights": {"skip": 0.25}, "words": "né"})
+    with open_database(path) as database:
+        assert database.selection == {"weights": {"skip": 0.25}, "words": "né"}
+        assert identity(database) == same
+        assert database.picture(3).shape == (16, 16, 3)
+    assert content_hash(path) != before
+    store_selection(path, {})
+    assert content_hash(path) == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_settings_that_cannot_be_stored_leave_the_database_as_it_was(makedb, tmp_path):
+    path = makedb.make_database(tmp_path / "a.h5", sequences=2, frames=12, crop=(16, 16))
+    before = path.read_bytes()
+    with pytest.raises(DatabaseError, match="cannot be written as JSON"):
+        store_selection(path, {"skip": float("nan")})
+    with pytest.raises(DatabaseError, match="no such file"):
+        store_selection(tmp_path / "none.h5", {})
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_databases_with_other_units_or_scales_have_other_identities(makedb, tmp_path):
+    size = {"sequences": 2, "frames": 12, "crop": (16, 16)}
+    found = set()
+    for i, change in enumerate(
+        [
+            lambda f: None,
+            lambda f: f["units/teeth"].__setitem__(3, 0.51),
+            lambda f: f["costs/visual_scale"].__setitem__(0, 7.0),
+        ]
+    ):
+        path = makedb.make_database(tmp_path / f"{i}.h5", **size)
+        with h5py.File(path, "r+") as file:
+            change(file)
+        with open_database(path) as database:
+            found.add(identity(database))
+    assert len(found) == 3

@@ -15,6 +15,7 @@ from database.schema import CostModel, Sequences, TextureModel, Units
 from database.track import PhonemeTrack, context_frames, context_windows
 from unitsel.costs import Weights
 from unitsel.select import select_path, select_units, target_graph
+from unitsel.settings import SelectionSettings, TargetSettings
 from unitsel.source import SelectionInput
 
 EIGENVALUES = np.geomspace(100, 1, 12).astype(np.float32)
@@ -30,6 +31,10 @@ class Source:
     texture: TextureModel
     costs: CostModel
     phonemes: list
+    guides: tuple[str, ...] = ()
+
+    def guide(self, kind):
+        raise AssertionError(f"no guide {kind} was promised")
 
     def context(self, n):
         return np.concatenate([context_windows(p, n) for p in self.phonemes])
@@ -244,8 +249,11 @@ def test_empty_database(source):
 
 
 def test_settings_of_a_prepared_database(source):
-    with pytest.raises(SelectionError, match="prepared already"):
-        select_units(SelectionInput.of(source), track_of(BIN), settings=CostSettings())
+    other = SelectionSettings(costs=CostSettings(beta1=-0.1), target=TargetSettings("paper"))
+    with pytest.raises(SelectionError, match="other constants"):
+        select_units(SelectionInput.of(source), track_of(BIN), other)
+    prepared = SelectionInput.of(source, other.costs)
+    assert len(select_units(prepared, track_of(BIN), other).units) == 22
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,8 @@ costs) is defined in database/cost_definition.py.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -25,16 +19,6 @@ from database.errors import SelectionError
 __all__ = ["CostSettings", "FeatureWeights", "Weights", "target_costs"]
 
 FloatArray = npt.NDArray[np.float64]
-
-WEIGHTS_FORMAT: Final = "unitsel-weights"
-WEIGHTS_VERSION: Final = 1
-
-_MEANING: Final[dict[str, str]] = {
-    "target": "wtc: of the target cost, in medians of random pairs of frames",
-    "concatenation": "wcc: of both costs of a step, visual and skip",
-    "visual": "wccf: of the visual cost f, in medians of random pairs inside a viseme",
-    "skip": "wccg: of the skip cost g",
-}
 
 
 @dataclass(frozen=True)
@@ -83,78 +67,6 @@ class Weights:
                 "weights: are all 0 (concatenation multiplies visual and skip), "
                 "so every path would cost the same; give one a value"
             )
-
-    @classmethod
-    def read(cls, path: str | Path) -> Weights:
-        """Read the weights of a file written by `write`.
-
-        Raises
-        ------
-        SelectionError
-            If the file is missing, is not such a file, or holds weights that cannot be used.
-        """
-        path = Path(path)
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as e:
-            raise SelectionError(f"{path}: cannot be read ({e.strerror or e})") from e
-        except (ValueError, RecursionError) as e:
-            raise SelectionError(f"{path}: is not a JSON file of weights ({e})") from e
-        if not isinstance(content, dict) or content.get("format") != WEIGHTS_FORMAT:
-            raise SelectionError(f"{path}: is not a file of weights (format {WEIGHTS_FORMAT!r})")
-        if content.get("version") != WEIGHTS_VERSION:
-            raise SelectionError(
-                f"{path}: has version {content.get('version')!r}, "
-                f"this program reads version {WEIGHTS_VERSION}; train the weights again"
-            )
-        values = content.get("weights")
-        names = {f.name for f in fields(cls)}
-        if not isinstance(values, dict) or set(values) != names:
-            got = sorted(values) if isinstance(values, dict) else values
-            raise SelectionError(
-                f"{path}: 'weights' must hold exactly {', '.join(sorted(names))}, got {got}"
-            )
-        try:
-            return cls(**values)
-        except SelectionError as e:
-            raise SelectionError(f"{path}: {e}") from e
-
-    def write(self, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
-        """Write the weights as a JSON file that says what they mean.
-
-        Parameters
-        ----------
-        path : path
-            The file; it is replaced as a whole or not at all.
-        about : mapping, optional
-            Where the weights come from (a training run, a database), as JSON values.
-
-        Raises
-        ------
-        SelectionError
-            If the file cannot be written.
-        """
-        path = Path(path)
-        content = {
-            "format": WEIGHTS_FORMAT,
-            "version": WEIGHTS_VERSION,
-            "weights": {f.name: getattr(self, f.name) for f in fields(self)},
-            "meaning": _MEANING,
-            "about": dict(about or {}),
-        }
-        text = json.dumps(content, indent=2) + "\n"
-        try:
-            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-            try:
-                with os.fdopen(handle, "w", encoding="utf-8") as f:
-                    f.write(text)
-                Path(name).chmod(0o644)
-                Path(name).replace(path)
-            except BaseException:
-                Path(name).unlink(missing_ok=True)
-                raise
-        except OSError as e:
-            raise SelectionError(f"{path}: cannot be written ({e.strerror or e})") from e
 
 
 def target_costs(

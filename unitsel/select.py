@@ -6,18 +6,21 @@ many weights can be tried on one graph.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from database.cost_definition import CostSettings
 from database.errors import SelectionError
-from database.phonemes import N_PHONEMES, N_VISEMES, PHONEMES, VISEME_OF, VISEMES
-from database.track import PhonemeTrack, context_windows, frame_count
-from unitsel.costs import Weights, target_costs
+from database.phonemes import N_PHONEMES, PHONEMES, VISEME_OF, VISEMES
+from database.sound import Sound
+from database.track import PhonemeTrack, frame_count
+from unitsel.costs import Weights
+from unitsel.guide import Guide, guided_costs
 from unitsel.search import SearchResult, search
+from unitsel.settings import SelectionSettings, TargetSettings
 from unitsel.source import SelectionInput, UnitSource
 
 FloatArray = npt.NDArray[np.float64]
@@ -60,8 +63,14 @@ class TargetGraph:
         Wanted phoneme of each frame, at the database's rate.
     candidates : T arrays of int32
         Units to choose from; frames of one viseme share an array.
-    target : T arrays of float64
-        Target cost of each, scaled.
+    paper : T arrays of float64
+        The paper's target cost of each, scaled.
+    guided : T arrays of float64, or None
+        Their guided target cost, scaled, where a guide was asked for.
+    predicted : (T, G) float32, or None
+        Features of the mouths that the guide expects.
+    share : float
+        Of the guided cost in the target cost.
     fallbacks : tuple of Fallback
     duration : float
         Length of the sentence, seconds.
@@ -69,9 +78,36 @@ class TargetGraph:
 
     phonemes: npt.NDArray[np.uint8]
     candidates: tuple[npt.NDArray[np.int32], ...]
-    target: tuple[FloatArray, ...]
+    paper: tuple[FloatArray, ...]
+    guided: tuple[FloatArray, ...] | None
+    predicted: npt.NDArray[np.float32] | None
+    share: float
     fallbacks: tuple[Fallback, ...]
     duration: float
+
+    @cached_property
+    def target(self) -> tuple[FloatArray, ...]:
+        """T arrays of float64: the target cost that is searched, paper's and guided in shares."""
+        if self.guided is None or self.share == 0:
+            return self.paper
+        if self.share == 1:
+            return self.guided
+        return tuple(
+            (1 - self.share) * p + self.share * g
+            for p, g in zip(self.paper, self.guided, strict=True)
+        )
+
+    def with_share(self, share: float) -> TargetGraph:
+        """The same graph with another share of the guided cost.
+
+        Raises
+        ------
+        SelectionError
+            If there is no guided cost to have a share.
+        """
+        if share > 0 and self.guided is None:
+            raise SelectionError("selection: this graph was made without a guide")
+        return replace(self, share=share)
 
 
 @dataclass(frozen=True)
@@ -90,6 +126,8 @@ class Selection:
         Path cost and its terms.
     fallbacks : tuple of Fallback
         Visemes that the database lacks.
+    graph : TargetGraph
+        What was asked for.
     """
 
     units: IntArray
@@ -97,6 +135,7 @@ class Selection:
     duration: float
     costs: SearchResult
     fallbacks: tuple[Fallback, ...]
+    graph: TargetGraph
 
     def at_rate(self, fps: float, n_frames: int | None = None) -> IntArray:
         """Resample to a video of another rate: the unit nearest in time of each frame.
@@ -127,6 +166,8 @@ def target_graph(
     source: SelectionInput,
     track: PhonemeTrack,
     exclude_sequences: Collection[int | str] = (),
+    target: TargetSettings | None = None,
+    sound: Sound | npt.NDArray[np.floating] | None = None,
 ) -> TargetGraph:
     """Candidates of each frame of a track and their target costs.
 
@@ -137,18 +178,25 @@ def target_graph(
         What is said.
     exclude_sequences : collection of int or str
         Sequences, by index or name, whose units may not be used.
+    target : TargetSettings, optional
+        Which target cost; the paper's by default.
+    sound : Sound or (steps, 26) float, optional
+        What is heard, for a guide that hears.
 
     Raises
     ------
     SelectionError
-        If an excluded sequence does not exist or no unit is left.
+        If an excluded sequence does not exist, no unit is left, or the target cost needs a
+        guide that the database does not hold, or sound that is not given.
     """
-    allowed = ~np.isin(source.space.sequence, sequence_indexes(source, exclude_sequences))
-    if not allowed.any():
+    chosen = target or TargetSettings("paper")
+    guide = _guide(source, chosen)
+    by_viseme = source.candidates(sequence_indexes(source, exclude_sequences))
+    if not any(len(units) for units in by_viseme):
         raise SelectionError("selection: every sequence of the database is excluded")
-    viseme = source.viseme
-    by_viseme = [np.flatnonzero((viseme == v) & allowed).astype(np.int32) for v in range(N_VISEMES)]
-    present = np.bincount(source.phoneme[allowed], minlength=N_PHONEMES) > 0
+    present = np.zeros(N_PHONEMES, dtype=np.bool_)
+    for units in by_viseme:
+        present[source.phoneme[units]] = True
     phonemes = track.sample(source.fps)
     used: dict[int, int] = {}
     fallbacks = []
@@ -159,19 +207,26 @@ def target_graph(
             used[int(p)] = _nearest_viseme(int(p), source, by_viseme, present)
             frames = int((phonemes == p).sum())
             fallbacks.append(Fallback(int(p), wanted, used[int(p)], frames))
-    contexts = context_windows(phonemes, source.contexts.shape[1] // 2)
     candidates = tuple(by_viseme[used[int(p)]] for p in phonemes)
-    target: list[FloatArray] = []
-    for t, c in enumerate(candidates):
-        # Long silences and vowels repeat their context.
-        if t > 0 and c is candidates[t - 1] and (contexts[t] == contexts[t - 1]).all():
-            target.append(target[-1])
-            continue
-        costs = target_costs(
-            contexts[t], source.contexts, source.phoneme_distance, source.context_weights, c
+    paper = source.run_targets.costs(phonemes, candidates, source.target_scale)
+    predicted, guided = None, None
+    if guide is not None:
+        predicted = guide.predicted(track, source.fps, sound)
+        space = source.space
+        guided = tuple(
+            guided_costs(mouth, space.features, space.groups, c) / source.guide_scale
+            for mouth, c in zip(predicted, candidates, strict=True)
         )
-        target.append(costs / source.target_scale)
-    return TargetGraph(phonemes, candidates, tuple(target), tuple(fallbacks), track.end)
+    return TargetGraph(
+        phonemes,
+        candidates,
+        paper,
+        guided,
+        predicted,
+        chosen.guided,
+        tuple(fallbacks),
+        track.end,
+    )
 
 
 def select_path(
@@ -182,15 +237,15 @@ def select_path(
 ) -> Selection:
     """Search the cheapest path through a graph; see `select_units`."""
     found = search(source.space, graph.candidates, graph.target, weights, progress)
-    return Selection(found.path, source.fps, graph.duration, found, graph.fallbacks)
+    return Selection(found.path, source.fps, graph.duration, found, graph.fallbacks, graph)
 
 
 def select_units(
     source: SelectionInput | UnitSource,
     track: PhonemeTrack,
-    weights: Weights | None = None,
-    settings: CostSettings | None = None,
+    settings: SelectionSettings | Weights | None = None,
     exclude_sequences: Collection[int | str] = (),
+    sound: Sound | npt.NDArray[np.floating] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Selection:
     """Choose a unit for each frame of a phoneme track, at least path cost.
@@ -201,12 +256,12 @@ def select_units(
         The database. For many sentences prepare it once with `SelectionInput.of`.
     track : PhonemeTrack
         What is said.
-    weights : Weights, optional
-        Weights of the path cost.
-    settings : CostSettings, optional
-        Constants of the costs; only for a database that is not prepared yet.
+    settings : SelectionSettings or Weights, optional
+        Weights, constants of the costs and target cost; weights alone go with the paper's.
     exclude_sequences : collection of int or str
         Sequences, by index or name, whose units may not be used.
+    sound : Sound or (steps, 26) float, optional
+        What is heard, for a guide that hears.
     progress : callable, optional
         Called with the frames done and the number of frames.
 
@@ -218,17 +273,20 @@ def select_units(
     Raises
     ------
     SelectionError
-        If the database holds no unit, all are excluded, or settings come with a prepared one.
+        If the database holds no unit, all are excluded, or a prepared one was prepared with
+        other constants.
     """
-    if isinstance(source, SelectionInput):
-        if settings is not None:
-            raise SelectionError(
-                "selection: the database is prepared already; give settings to SelectionInput.of"
-            )
-    else:
-        source = SelectionInput.of(source, settings)
-    graph = target_graph(source, track, exclude_sequences)
-    return select_path(source, graph, weights or Weights(), progress)
+    if settings is None or isinstance(settings, Weights):
+        settings = SelectionSettings(settings or Weights(), target=TargetSettings("paper"))
+    if not isinstance(source, SelectionInput):
+        source = SelectionInput.of(source, settings.costs)
+    elif source.costs != settings.costs:
+        raise SelectionError(
+            "selection: the database was prepared with other constants of the costs; give these "
+            "to SelectionInput.of"
+        )
+    graph = target_graph(source, track, exclude_sequences, settings.target, sound)
+    return select_path(source, graph, settings.weights, progress)
 
 
 def sequence_indexes(source: SelectionInput, sequences: Collection[int | str]) -> list[int]:
@@ -251,10 +309,23 @@ def sequence_indexes(source: SelectionInput, sequences: Collection[int | str]) -
     return indexes
 
 
+def _guide(source: SelectionInput, target: TargetSettings) -> Guide | None:
+    """Find the guide that a target cost needs."""
+    if target.guide is None:
+        return None
+    if target.guide not in source.guides:
+        held = ", ".join(source.guides) or "none"
+        raise SelectionError(
+            f"selection: target cost {target.name!r} needs a guide from {target.guide}, the "
+            f"database holds {held}; build it again from more clips, or choose 'paper'"
+        )
+    return source.guides[target.guide]
+
+
 def _nearest_viseme(
     phoneme: int,
     source: SelectionInput,
-    by_viseme: list[npt.NDArray[np.int32]],
+    by_viseme: Sequence[npt.NDArray[np.int32]],
     present: npt.NDArray[np.bool_],
 ) -> int:
     """Find the viseme with units whose phonemes look most like a phoneme, by their mean M."""

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from database.cost_definition import CostSettings, context_weights, skip_costs, visual_features
 from database.errors import SelectionError
-from database.phonemes import N_PHONEMES, VISEME_OF
-from database.schema import CostModel, Sequences, TextureModel, Units
+from database.phonemes import N_PHONEMES, N_VISEMES, VISEME_OF
+from database.schema import CostModel, GuideModel, Sequences, TextureModel, Units
 from database.track import context_frames
+from unitsel.guide import Guide, guide_scale
 from unitsel.search import SearchSpace
+from unitsel.target_runs import RunTargets
+
+KEPT_LISTS: Final = 3
+"""Ways to leave sequences out whose lists of candidates are kept."""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,6 +48,13 @@ class UnitSource(Protocol):
     def costs(self) -> CostModel:
         """M and the scales."""
 
+    @property
+    def guides(self) -> tuple[str, ...]:
+        """Names of the guides that there are."""
+
+    def guide(self, kind: str) -> GuideModel:
+        """One of them."""
+
     def context(self, n: int) -> npt.NDArray[np.uint8]:
         """(N, 2n + 1) uint8: phonemes around each unit in its own sequence."""
 
@@ -56,7 +70,7 @@ class SelectionInput:
     phoneme : (N,) uint8
         Of each unit.
     contexts : (N, 2n + 1) uint8
-        Phonemes around each unit, with n = `context_frames` (fps).
+        Phonemes around each unit, with n = `context_frames` (fps, costs.context).
     space : SearchSpace
         What steps between units cost.
     phoneme_distance : (43, 43) float32
@@ -67,6 +81,12 @@ class SelectionInput:
         v, of sum 1.
     names : tuple of str
         Name of each sequence.
+    costs : CostSettings
+        Constants of the costs that all this was prepared with.
+    guides : dict of str to Guide
+        What the guided target cost can go by.
+    guide_scale : float
+        Guided costs are divided by it.
 
     Raises
     ------
@@ -82,12 +102,15 @@ class SelectionInput:
     target_scale: float
     context_weights: FloatArray
     names: tuple[str, ...]
+    costs: CostSettings = field(default_factory=CostSettings)
+    guides: Mapping[str, Guide] = field(default_factory=dict)
+    guide_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise SelectionError(f"database: frame rate must be positive, got {self.fps!r}")
         n = len(self.space)
-        width = 2 * context_frames(self.fps) + 1
+        width = 2 * context_frames(self.fps, self.costs.context) + 1
         shapes = (
             ("phonemes", self.phoneme.shape, (n,)),
             ("contexts", self.contexts.shape, (n, width)),
@@ -135,7 +158,7 @@ class SelectionInput:
         scales = np.append(costs.feature_scales, costs.visual_scale)
         if scales.shape != (5,) or not (np.isfinite(scales).all() and (scales > 0).all()):
             raise SelectionError("database: scales of the visual cost must be 5 positive numbers")
-        n = context_frames(source.fps)
+        n = context_frames(source.fps, settings.context)
         features, groups = visual_features(
             units, source.texture.eigenvalues, costs, settings.features
         )
@@ -154,4 +177,48 @@ class SelectionInput:
             target_scale=float(costs.target_scale),
             context_weights=context_weights(n, source.fps, settings.beta1),
             names=tuple(source.sequences.name),
+            costs=settings,
+            guides={
+                kind: Guide(
+                    source.guide(kind), source.texture.eigenvalues, costs, settings.features
+                )
+                for kind in source.guides
+            },
+            guide_scale=guide_scale(features, groups) if source.guides else 1.0,
         )
+
+    @cached_property
+    def run_targets(self) -> RunTargets:
+        """The paper's target costs, by runs of equal phonemes."""
+        return RunTargets(self.contexts, self.phoneme_distance, self.context_weights)
+
+    def candidates(self, exclude: Collection[int] = ()) -> tuple[npt.NDArray[np.int32], ...]:
+        """Units of each viseme, ascending, without those of some sequences.
+
+        The same sequences give the same arrays for a while, so that what the search and the
+        target costs work out for a list serves the next sentence.
+        """
+        left_out = frozenset(int(s) for s in exclude)
+        kept = self._candidates
+        if left_out not in kept:
+            allowed = ~np.isin(self.space.sequence, list(left_out))
+            kept[left_out] = tuple(
+                np.flatnonzero((self.viseme == v) & allowed).astype(np.int32)
+                for v in range(N_VISEMES)
+            )
+            if len(kept) > KEPT_LISTS:
+                del kept[next(iter(kept))]
+        return kept[left_out]
+
+    @cached_property
+    def _candidates(self) -> dict[frozenset[int], tuple[npt.NDArray[np.int32], ...]]:
+        return {}
+
+    def with_guides(self, models: Mapping[str, GuideModel]) -> SelectionInput:
+        """The same database with other guides in the place of those of the same names."""
+        replaced = {
+            kind: replace(guide, model=models[kind])
+            for kind, guide in self.guides.items()
+            if kind in models
+        }
+        return replace(self, guides={**self.guides, **replaced})

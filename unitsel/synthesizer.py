@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,7 @@ from render.compose import apply_gain, composite, fit_gain
 from render.scene import Scene
 from unitsel.costs import Weights
 from unitsel.select import Selection, select_units
+from unitsel.settings import SelectionSettings, default_settings
 from unitsel.source import SelectionInput
 
 Progress = Callable[[str, int, int], None]
@@ -64,8 +65,9 @@ class Synthesizer:
     Parameters
     ----------
     database : UnitDatabase
-    weights : Weights, optional
-        Of the path cost.
+    settings : SelectionSettings or Weights, optional
+        How units are selected; the database's own by default, and weights alone replace its
+        weights.
     models : path, optional
         Folder with the face models, for backgrounds that are not in the database.
     blend : BlendShape, optional
@@ -75,14 +77,16 @@ class Synthesizer:
     def __init__(
         self,
         database: UnitDatabase,
-        weights: Weights | None = None,
+        settings: SelectionSettings | Weights | None = None,
         *,
         models: str | Path | None = None,
         blend: BlendShape | None = None,
     ) -> None:
         self.database = database
-        self.weights = weights or Weights()
-        self._source = SelectionInput.of(database)
+        if isinstance(settings, Weights):
+            settings = replace(default_settings(database), weights=settings)
+        self.settings = settings or default_settings(database)
+        self._source = SelectionInput.of(database, self.settings.costs)
         self._models = models
         self._blend = blend
 
@@ -98,6 +102,7 @@ class Synthesizer:
         self,
         track: PhonemeTrack,
         *,
+        sound: Sound | None = None,
         exclude_sequences: Collection[int | str] = (),
         progress: Progress | None = None,
     ) -> Selection:
@@ -106,6 +111,8 @@ class Synthesizer:
         Parameters
         ----------
         track : PhonemeTrack
+        sound : Sound, optional
+            What is heard, for the target cost "sound".
         exclude_sequences : collection of int or str
             Sequences, by index or name, whose units may not be used.
         progress : callable, optional
@@ -117,7 +124,7 @@ class Synthesizer:
         Raises
         ------
         SelectionError
-            If no unit may be used.
+            If no unit may be used, or the target cost needs what is not there.
         """
         told = (
             None if progress is None else (lambda done, total: progress("selecting", done, total))
@@ -125,7 +132,8 @@ class Synthesizer:
         return select_units(
             self._source,
             track,
-            self.weights,
+            self.settings,
+            sound=sound,
             exclude_sequences=exclude_sequences,
             progress=told,
         )

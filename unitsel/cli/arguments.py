@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from database.errors import UnitselError
+from database.fingerprint import identity
+from database.reader import UnitDatabase
+from unitsel.settings import TARGETS, SelectionSettings, default_settings, settings_for
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -53,6 +57,40 @@ def add_dictionary(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="pronunciations to add to the CMU dictionary's: WORD PHONES a line",
     )
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """Add --weights and --target, of the commands that select units."""
+    parser.add_argument(
+        "--weights",
+        metavar="FILE",
+        help="weights.json of `unitsel train` (default: the database's own)",
+    )
+    parser.add_argument(
+        "--target",
+        choices=TARGETS,
+        help="target cost: the paper's phonemes, guided by a predicted trajectory, mixed, or "
+        "guided by the sound too (default: the weights' own)",
+    )
+
+
+def selection_settings(options: argparse.Namespace, database: UnitDatabase) -> SelectionSettings:
+    """Settings as the options ask for them.
+
+    Raises
+    ------
+    SelectionError
+        If the file of weights cannot be used with this database.
+    """
+    if options.weights is not None:
+        settings = SelectionSettings.read(options.weights, database=identity(database))
+    else:
+        settings = default_settings(database)
+        if options.target not in (None, settings.target.name):
+            return settings_for(options.target)
+    if options.target is not None:
+        settings = replace(settings, target=replace(settings.target, name=options.target))
+    return settings
 
 
 def check_output(name: str, extensions: Collection[str]) -> None:

@@ -5,11 +5,19 @@ from __future__ import annotations
 import argparse
 
 from database.reader import open_database
+from database.sound import read_sound
 from database.timing import read_timing
 from database.video_writer import SUFFIXES
-from unitsel.cli.arguments import Commands, add_models, check_output, positive_number
+from unitsel.cli.arguments import (
+    Commands,
+    add_models,
+    add_selection,
+    check_output,
+    positive_number,
+    selection_settings,
+)
 from unitsel.cli.output import Output
-from unitsel.costs import Weights
+from unitsel.explain import explain, write_explanation
 from unitsel.measures import joins
 from unitsel.speech_track import track_of_timing
 from unitsel.synthesizer import Synthesizer
@@ -35,7 +43,12 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument(
         "--fps", type=positive_number, metavar="F", help="frame rate (default: the background's)"
     )
-    parser.add_argument("--weights", metavar="FILE", help="weights of the path cost, json")
+    add_selection(parser)
+    parser.add_argument(
+        "--explain",
+        metavar="FILE.html",
+        help="also write a page that shows the chosen units, their costs and joins",
+    )
     add_models(parser)
     return parser
 
@@ -43,14 +56,20 @@ def add(commands: Commands) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace, output: Output) -> None:
     """Select, render, write and report."""
     check_output(options.output, SUFFIXES)
-    weights = Weights() if options.weights is None else Weights.read(options.weights)
+    if options.explain is not None:
+        check_output(options.explain, (".html", ".htm"))
     timing = read_timing(options.timing)
     with open_database(options.database) as database:
-        synthesizer = Synthesizer(database, weights, models=options.models)
+        settings = selection_settings(options, database)
+        synthesizer = Synthesizer(database, settings, models=options.models)
         track = track_of_timing(
             timing, audio=options.audio, dictionary=options.dictionary, name=options.timing
         )
-        selection = synthesizer.select(track, progress=output.progress)
+        hears = settings.target.guide == "sound" and options.audio is not None
+        sound = read_sound(options.audio) if hears else None
+        selection = synthesizer.select(track, sound=sound, progress=output.progress)
+        if options.explain is not None:
+            page = explain(database, track, selection, settings, words=timing.words)
         written = synthesizer.write(
             selection,
             options.output,
@@ -59,6 +78,8 @@ def run(options: argparse.Namespace, output: Output) -> None:
             fps=options.fps,
             progress=output.progress,
         )
+        if options.explain is not None:
+            write_explanation(options.explain, page)
         units = database.units
         segments = 1 + int(
             joins(units.sequence[selection.units], units.frame[selection.units]).sum()
@@ -74,6 +95,8 @@ def run(options: argparse.Namespace, output: Output) -> None:
         "cost": selection.costs.cost,
         "fallbacks": fallbacks,
     }
+    if options.explain is not None:
+        document["explanation"] = options.explain
     text = (
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {segments} "
         f"segments, over {written.background}"
