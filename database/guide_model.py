@@ -18,10 +18,12 @@ Outputs: the PCA weights, mouth width, height and inner opening, teeth and tongu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import ThreadpoolController
 
 from database.phonemes import N_PHONEMES, SILENCE
 from database.schema import GuideModel
@@ -143,11 +145,19 @@ def predict(guide: GuideModel, inputs: F32) -> PredictedMouths:
 def network_outputs(guide: GuideModel, used: F32) -> F32:
     """Mean output of the networks for (n, I) inputs, before scale and gain, (n, O) float32."""
     total = np.zeros((len(used), len(guide.scale)), dtype=np.float32)
-    for w, b, v, c in zip(
-        guide.hidden, guide.hidden_bias, guide.output, guide.output_bias, strict=True
-    ):
-        total += np.maximum(used @ w + b, 0) @ v + c
+    # One thread: sums in another order would tip near ties of the selection the other way.
+    with _controller().limit(limits=1):
+        for w, b, v, c in zip(
+            guide.hidden, guide.hidden_bias, guide.output, guide.output_bias, strict=True
+        ):
+            total += np.maximum(used @ w + b, 0) @ v + c
     return total / np.float32(len(guide.hidden))
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    """The threads of NumPy's linear algebra; finding them takes a millisecond."""
+    return ThreadpoolController()
 
 
 def _padded(track: PhonemeTrack, times: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from database.phonemes import N_PHONEMES, N_VISEMES, PHONEMES, VISEMES
 from database.reader import UnitDatabase
+from database.schema import GuideModel
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,10 @@ class Inspection:
         Phonemes without any unit.
     ranges : dict of str to (low, median, high)
         1st, 50th and 99th percentile of the parameters, in the units of `database.schema`.
+    guides : dict of str to (r of the first PCA weight, r of the mouth height)
+        How well each guide predicts speech on clips that were held back from it.
+    own_settings : dict
+        Settings of the selection that the database carries; empty where it carries none.
     skipped, repaired : tuple of dict
         What the build reported.
     clips : tuple of dict
@@ -52,6 +57,8 @@ class Inspection:
     visemes: dict[str, int]
     missing_phonemes: tuple[str, ...]
     ranges: dict[str, tuple[float, float, float]]
+    guides: dict[str, tuple[float, float]]
+    own_settings: dict[str, Any]
     skipped: tuple[dict[str, Any], ...]
     repaired: tuple[dict[str, Any], ...]
     clips: tuple[dict[str, Any], ...]
@@ -62,6 +69,7 @@ class Inspection:
         document["path"] = str(self.path)
         for name in ("crop", "missing_phonemes", "skipped", "repaired", "clips"):
             document[name] = list(document[name])
+        document["guides"] = {k: list(v) for k, v in self.guides.items()}
         document["ranges"] = {k: list(v) for k, v in self.ranges.items()}
         return document
 
@@ -102,6 +110,8 @@ def inspect_database(database: UnitDatabase) -> Inspection:
         visemes={f"{v} {' '.join(g)}": int(by_viseme[v]) for v, g in enumerate(VISEMES)},
         missing_phonemes=tuple(p for i, p in enumerate(PHONEMES) if by_phoneme[i] == 0),
         ranges={name: _range(values) for name, values in measured.items()},
+        guides={kind: _skill(database.guide(kind)) for kind in database.guides},
+        own_settings=database.selection,
         skipped=tuple(report.get("skipped", ())),
         repaired=tuple(report.get("repaired", ())),
         clips=tuple(
@@ -146,6 +156,11 @@ def extreme_units(database: UnitDatabase) -> dict[str, int]:
         found[f"least {name}"] = int(order[cut])
         found[f"most {name}"] = int(order[len(order) - 1 - cut])
     return found
+
+
+def _skill(guide: GuideModel) -> tuple[float, float]:
+    """Skill in the first PCA weight and the mouth height (outputs: K weights, width, height...)."""
+    return round(float(guide.skill[0]), 3), round(float(guide.skill[-4]), 3)
 
 
 def _range(values: npt.NDArray[np.floating]) -> tuple[float, float, float]:

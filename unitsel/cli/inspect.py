@@ -50,6 +50,13 @@ def _text(found: Inspection) -> str:
         f"  {name:<16} {low:>9.2f} {middle:>9.2f} {high:>9.2f}"
         for name, (low, middle, high) in found.ranges.items()
     ]
+    lines += [
+        f"guide from {kind}: r_pca {pca:.2f}, r_h {height:.2f} in speech of clips held back"
+        for kind, (pca, height) in found.guides.items()
+    ]
+    if found.own_settings:
+        target = found.own_settings.get("target", {}).get("name")
+        lines.append(f"carries settings of its own for the selection (target cost {target})")
     lines.append(
         f"the build skipped {len(found.skipped)} clips and made {len(found.repaired)} repairs"
     )
