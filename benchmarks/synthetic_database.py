@@ -68,7 +68,7 @@ class SyntheticDatabase:
             Standard deviation of the target costs of each frame.
         seed : int
         """
-        visemes = _phones(n_frames, np.random.default_rng(seed))
+        visemes = phones(n_frames, np.random.default_rng(seed))
         weights = context_weights(CONTEXT, FPS, -0.3)
         candidates, target = [], []
         for viseme, context in zip(visemes, _windows(visemes), strict=True):
@@ -94,15 +94,15 @@ def make_database(
     means = rng.normal(size=(N_VISEMES, GROUPS[-1]))
     visemes, contexts, features = [], [], []
     for length in np.diff(bounds):
-        phones = _phones(int(length), rng)
-        changes = np.flatnonzero(np.diff(phones, prepend=-1))
-        own = means[phones[changes]] + rng.normal(size=(len(changes), GROUPS[-1]))
+        spoken = phones(int(length), rng)
+        changes = np.flatnonzero(np.diff(spoken, prepend=-1))
+        own = means[spoken[changes]] + rng.normal(size=(len(changes), GROUPS[-1]))
         path = np.repeat(own, np.diff(changes, append=length), axis=0)
         path = gaussian_filter1d(path, 1.5, axis=0, mode="nearest")
         # A phone is no straight line: the mouth's own small motion.
         path += 0.3 * gaussian_filter1d(rng.normal(size=path.shape), 2.0, axis=0)
-        visemes.append(phones)
-        contexts.append(_windows(phones))
+        visemes.append(spoken)
+        contexts.append(_windows(spoken))
         features.append(path)
     viseme = np.concatenate(visemes)
     candidates = tuple(np.flatnonzero(viseme == v).astype(np.int32) for v in range(N_VISEMES))
@@ -129,7 +129,7 @@ def make_database(
     return SyntheticDatabase(space, candidates, np.concatenate(contexts), distance)
 
 
-def _phones(length: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def phones(length: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
     """Viseme of each frame of a random utterance."""
     share = np.concatenate([[LARGEST], FALL ** np.arange(N_VISEMES - 1)])
     share[1:] *= (1 - LARGEST) / share[1:].sum()

@@ -12,14 +12,17 @@ import pytest
 
 from database.timing import Timing, write_timing
 from unitsel.costs import Weights
+from unitsel.settings import SelectionSettings, TargetSettings
 
 Run = Callable[..., tuple[int, str, str]]
 
 SCORES = {
     *("r_pca", "r_h", "r_pca_speech", "r_h_speech", "sd_ratio", "r_h_mesh"),
     *("sl_avg", "tc_avg", "vc_avg"),
+    *("closure_hits", "silence_ratio", "join_jump"),
 }
-METHODS = ("selected", "random", "phoneme_mean", "nearest")
+METHODS = ("selected", "random", "phoneme_mean", "nearest", "real")
+WITHOUT_UNITS = ("phoneme_mean", "real")
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +43,15 @@ def test_json_holds_means_sentences_and_what_was_skipped(
     assert (status, err) == (0, "")
     assert out.count("\n") == 1
     document = json.loads(out)
-    assert set(document) == {*METHODS, "sentences", "skipped"}
+    assert set(document) == {*METHODS, "settings", "folds", "sentences", "skipped"}
     (sentence,) = document["sentences"]
     assert (sentence["clip"], sentence["words"]) == ("new", "set blue now please")
     for method in METHODS:
         assert set(document[method]) >= SCORES
         assert document[method] == sentence[method]
-        for name in SCORES - {"r_h_mesh", "sl_avg", "tc_avg", "vc_avg"}:
-            assert isinstance(document[method][name], float)
+        for name in SCORES:
+            lacks = method in WITHOUT_UNITS and name in ("sl_avg", "tc_avg", "vc_avg", "join_jump")
+            assert isinstance(document[method][name], type(None) if lacks else float), name
     assert all(document["selected"][name] is not None for name in SCORES)
     (skipped,) = document["skipped"]
     assert skipped["clip"] == "wordless" and "wordless.txt" in skipped["reason"]
@@ -57,17 +61,21 @@ def test_text_has_a_row_a_method_and_the_plot_is_drawn(
     puppet_db: Path, unseen: Path, run: Run, tmp_path: Path
 ) -> None:
     plots = tmp_path / "plots"
-    Weights(skip=0.5).write(tmp_path / "weights.json")
+    settings = SelectionSettings(Weights(skip=0.5), target=TargetSettings("paper"))
+    settings.write(tmp_path / "weights.json")
     status, out, err = run(
         *("evaluate", puppet_db, unseen, "--plots", plots, "--limit", 1),
         *("--weights", tmp_path / "weights.json"),
     )
     assert (status, err) == (0, "")
-    rows = {line[:12].strip(): line.split() for line in out.splitlines()}
-    assert {"new", "selected", "random", "phoneme mean", "nearest"} <= set(rows)
-    assert rows["new"][1:] == rows["selected"][1:]
-    assert len(rows["selected"]) == 1 + len(SCORES)
-    assert rows["phoneme mean"][-3:] == ["-"] * 3
+    rows = {line[:16].strip(): line[16:].split() for line in out.splitlines()}
+    assert {"new", "selected (paper)", "random", "phoneme mean", "nearest", "real"} <= set(rows)
+    assert rows["new"] == rows["selected (paper)"]
+    assert len(rows["selected (paper)"]) == len(SCORES)
+    titles = rows[""]
+    for title in ("SL", "TC", "VC", "jump"):
+        assert rows["phoneme mean"][titles.index(title)] == "-"
+    assert rows["real"][titles.index("closed")] != "-"
     assert "wordless" not in out
     assert [p.name for p in plots.iterdir()] == ["new.png"]
     assert f"drawn: 1 plots in {plots}" in out
@@ -78,3 +86,41 @@ def test_text_has_a_row_a_method_and_the_plot_is_drawn(
 def test_an_evaluation_is_the_same_twice(puppet_db: Path, unseen: Path, run: Run) -> None:
     first = run("evaluate", puppet_db, unseen, "--limit", 1, "--json")
     assert run("evaluate", puppet_db, unseen, "--limit", 1, "--json") == first
+
+
+def test_folds_need_no_footage(puppet_db: Path, run: Run) -> None:
+    status, out, err = run("evaluate", puppet_db, "--folds", 2, "--limit", 3, "--jobs", 1)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert "mean over 3 sentences of the database, in 2 folds:" in lines
+    assert any(line.startswith("selected (paper)") for line in lines)
+
+
+def test_methods_are_rows_of_their_own(puppet_db: Path, run: Run) -> None:
+    command = ("evaluate", puppet_db, "--folds", 2, "--limit", 1, "--jobs", 1, "--json")
+    document = json.loads(run(*command, "--methods", "all")[1])
+    assert document["paper"] == document["selected"]
+    assert "guided" not in document and "prediction" not in document
+    assert document["folds"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ((), "HELDOUT_DIR"),
+        (("clips", "--folds", "2"), "HELDOUT_DIR"),
+        (("clips", "--jobs", "2"), "--jobs"),
+        (("--folds", "1"), "1 folds"),
+        (("--folds", "99"), "99 folds"),
+        (("--folds", "2", "--methods", "papre"), "'papre'"),
+        (("--folds", "2", "--methods", "guided"), "'guided'"),
+        (("--folds", "2", "--target", "sound"), "'sound'"),
+        (("--folds", "2", "--methods", ","), "no target cost"),
+    ],
+)
+def test_what_does_not_go_together(
+    arguments: tuple[str, ...], named: str, puppet_db: Path, run: Run
+) -> None:
+    status, out, err = run("evaluate", puppet_db, *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("unitsel: ") and err.count("\n") == 1 and named in err

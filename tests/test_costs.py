@@ -1,9 +1,8 @@
-"""Costs against hand-made cases, from the shared definitions to the files of weights."""
+"""Costs against hand-made cases, from the shared definitions to the weights."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 
 import numpy as np
@@ -306,16 +305,6 @@ def test_corpora_without_costs():
 # Weights
 
 
-def test_weights_survive_their_file(tmp_path):
-    weights = Weights(1.5, 2, 0.25, 0)
-    weights.write(tmp_path / "weights.json", {"trained on": "30 sentences"})
-    assert Weights.read(tmp_path / "weights.json") == weights
-    content = json.loads((tmp_path / "weights.json").read_text())
-    assert content["about"] == {"trained on": "30 sentences"}
-    assert set(content["meaning"]) == set(content["weights"])
-    assert [p.name for p in tmp_path.iterdir()] == ["weights.json"]
-
-
 @pytest.mark.parametrize(
     ("values", "word"),
     [
@@ -334,47 +323,3 @@ def test_weights_survive_their_file(tmp_path):
 def test_weights_that_cannot_be_used(values, word):
     with pytest.raises(SelectionError, match=word):
         Weights(*values)
-
-
-GOOD = {"target": 1, "concatenation": 1, "visual": 1, "skip": 1}
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"\x00\xff\xfe",
-        b"[1, 2]",
-        b"{}",
-        json.dumps({"format": "unitsel-weights", "version": 2, "weights": GOOD}).encode(),
-        json.dumps({"format": "unitsel-weights", "version": 1}).encode(),
-        json.dumps({"format": "unitsel-weights", "version": 1, "weights": [1, 1, 1, 1]}).encode(),
-        json.dumps({"format": "unitsel-weights", "version": 1, "weights": {"target": 1}}).encode(),
-        json.dumps(
-            {"format": "unitsel-weights", "version": 1, "weights": {**GOOD, "extra": 1}}
-        ).encode(),
-        json.dumps(
-            {"format": "unitsel-weights", "version": 1, "weights": {**GOOD, "skip": math.nan}}
-        ).encode(),
-        json.dumps(
-            {"format": "unitsel-weights", "version": 1, "weights": {**GOOD, "skip": None}}
-        ).encode(),
-        b"[" * 100_000,
-    ],
-)
-def test_a_bad_file_of_weights_is_one_line_with_its_name(tmp_path, content):
-    path = tmp_path / "weights.json"
-    path.write_bytes(content)
-    with pytest.raises(SelectionError) as error:
-        Weights.read(path)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_weights_that_are_not_there_or_cannot_be_written(tmp_path):
-    with pytest.raises(SelectionError, match=r"none\.json: cannot be read"):
-        Weights.read(tmp_path / "none.json")
-    with pytest.raises(SelectionError, match="cannot be read"):
-        Weights.read(tmp_path)
-    with pytest.raises(SelectionError, match="cannot be written"):
-        Weights().write(tmp_path / "no" / "weights.json")

@@ -13,12 +13,24 @@ import pytest
 
 from analysis.corpus import find_clips
 from analysis.face import FaceModels
-from database.errors import CorpusError
+from database.errors import CorpusError, SelectionError
 from database.reader import UnitDatabase, open_database
 from database.timing import Timing, write_timing
 from database.track import frame_times
 from unitsel.costs import Weights
-from unitsel.evaluation import METHODS, Evaluation, Evaluator, Scores, evaluate
+from unitsel.likeness.evaluation import Evaluation, Evaluator, Scores, evaluate
+from unitsel.likeness.eye_measures import (
+    closed_frames,
+    closure_hit_rate,
+    greatest_join_jump,
+    lip_opening,
+    natural_step,
+    silence_motion,
+)
+from unitsel.select import select_path, target_graph
+from unitsel.settings import SelectionSettings, TargetSettings, settings_for
+
+PAPER = TargetSettings("paper")
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +80,7 @@ def test_a_folder_of_known_clips_is_refused(
 
 def test_the_references_bound_the_selection(found: Evaluation) -> None:
     means = found.means
-    assert set(means) == set(METHODS)
+    assert list(means) == ["selected", "random", "phoneme_mean", "nearest", "real"]
     assert means["nearest"].r_pca >= means["selected"].r_pca > means["random"].r_pca
     assert means["nearest"].r_pca_speech >= means["selected"].r_pca_speech
     assert means["selected"].r_h_speech > 0.5
@@ -76,8 +88,11 @@ def test_the_references_bound_the_selection(found: Evaluation) -> None:
     assert means["selected"].vc_avg < means["random"].vc_avg
     assert means["selected"].tc_avg < means["random"].tc_avg
     assert means["nearest"].r_h_mesh >= means["phoneme_mean"].r_h_mesh > means["random"].r_h_mesh
-    for costs in ("sl_avg", "tc_avg", "vc_avg"):
+    assert means["selected"].join_jump < means["random"].join_jump
+    assert means["selected"].silence_ratio < means["random"].silence_ratio
+    for costs in ("sl_avg", "tc_avg", "vc_avg", "join_jump"):
         assert getattr(means["phoneme_mean"], costs) is None
+        assert getattr(means["real"], costs) is None
     # Means of phonemes move less than mouths do.
     assert means["phoneme_mean"].sd_ratio < 1
 
@@ -85,7 +100,8 @@ def test_the_references_bound_the_selection(found: Evaluation) -> None:
 def test_correlations_are_those_of_the_trajectories(found: Evaluation) -> None:
     for s in found.sentences:
         assert len(s.seconds) == len(s.inside) == len(s.real.pca)
-        for method in METHODS:
+        assert [*s.made, "real"] == list(s.scores)
+        for method in s.made:
             made, scores = s.made[method], s.scores[method]
             assert scores.r_pca == pytest.approx(np.corrcoef(made.pca, s.real.pca)[0, 1])
             inside = np.corrcoef(made.height[s.inside], s.real.height[s.inside])[0, 1]
@@ -94,11 +110,57 @@ def test_correlations_are_those_of_the_trajectories(found: Evaluation) -> None:
             assert scores.sd_ratio == pytest.approx(ratio)
 
 
+def test_the_recording_is_a_row_of_its_own(found: Evaluation) -> None:
+    for s in found.sentences:
+        real = s.scores["real"]
+        assert (real.r_pca, real.r_h_speech, real.sd_ratio) == pytest.approx((1, 1, 1))
+        assert real.silence_ratio == 1
+        # "lay white with x two" has no p, b or m to close the lips for.
+        assert (real.closure_hits is None) == (s.clip == "c3")
+        for made in (s.scores["selected"], s.scores["nearest"]):
+            assert made.silence_sd is not None and real.silence_sd is not None
+            assert made.silence_ratio == pytest.approx(made.silence_sd / real.silence_sd)
+
+
+def test_what_the_eye_punishes_is_measured_on_the_compared_frames(
+    database: UnitDatabase,
+) -> None:
+    """By hand, from what the database holds: the same figures as in the scores."""
+    evaluator = Evaluator(database, SelectionSettings(target=PAPER))
+    target = evaluator.recorded(0)
+    units, fps = database.units, database.fps
+    own = np.flatnonzero(units.sequence == 0)
+    opening = lip_opening(database.landmarks(own))
+    assert np.allclose(target.opening, opening)
+    sentence = evaluator.compare(target, [0])
+    closed = closed_frames(opening, target.frames, evaluator.rulers.closed_at, fps)
+    hits = closure_hit_rate(closed, target.frames, target.track, fps)
+    assert sentence.scores["real"].closure_hits == hits
+    motion = silence_motion(units.mouth_height[own], target.frames, target.track, fps)
+    assert motion is not None
+    assert sentence.scores["real"].silence_sd == pytest.approx(motion.sd)
+    assert sentence.scores["real"].silence_step == pytest.approx(motion.step)
+    graph = target_graph(evaluator.source, target.track, [0])
+    path = select_path(evaluator.source, graph, evaluator.settings.weights).units
+    jump = greatest_join_jump(
+        units.pca[path],
+        units.sequence[path],
+        units.frame[path],
+        natural_step(units.pca, units.sequence, units.frame),
+    )
+    assert sentence.scores["selected"].join_jump == pytest.approx(jump)
+
+
 def test_means_are_of_the_sentences(found: Evaluation) -> None:
     for method, mean in found.means.items():
         for name in (f.name for f in fields(Scores)):
             values = [getattr(s.scores[method], name) for s in found.sentences]
-            expected = None if values[0] is None else np.mean(values)
+            there = [v for v in values if v is not None]
+            expected = np.mean(there) if there else None
+            if name == "silence_ratio" and expected is not None:
+                # The ratio of the means, not the mean of the ratios.
+                still = np.mean([s.scores["real"].silence_sd for s in found.sentences])
+                expected = mean.silence_sd / still
             assert getattr(mean, name) == (expected and pytest.approx(expected))
 
 
@@ -107,20 +169,28 @@ def test_the_document_is_json_without_nan(found: Evaluation) -> None:
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     assert document["skipped"][0]["clip"] == "b2"
     assert len(document["sentences"]) == 2
+    assert document["folds"] is None
+    assert SelectionSettings.from_json(document["settings"]) == found.settings
+    assert found.settings.target.name == "paper"
 
 
 def test_a_sequence_selected_for_itself_is_itself(
     database: UnitDatabase, puppet_corpus: Path, face_models: FaceModels
 ) -> None:
     """With the clip's own units allowed and skips dear, the selection is the recording."""
-    evaluator = Evaluator(database)
+    evaluator = Evaluator(database, SelectionSettings(Weights(skip=1e6), target=PAPER))
     name = database.sequences.name[1]
     clip = next(c for c in find_clips(puppet_corpus) if c.name == name)
     target = evaluator.target(clip)
     own = np.flatnonzero(database.units.sequence == 1)
     assert np.allclose(target.pca, database.units.pca[own], atol=1e-2)
     assert np.allclose(target.height, database.units.mouth_height[own], atol=1e-3)
-    sentence = evaluator.compare(target, Weights(skip=1e6))
+    stored = evaluator.recorded(1)
+    assert (stored.clip, stored.words) == (name, target.words)
+    assert np.array_equal(stored.frames, target.frames)
+    for parameter in ("mesh", "opening"):
+        assert np.allclose(getattr(stored, parameter), getattr(target, parameter), atol=1e-4)
+    sentence = evaluator.compare(target)
     assert np.allclose(sentence.seconds, frame_times(len(own), database.fps))
     for method in ("selected", "nearest"):
         scores = sentence.scores[method]
@@ -131,9 +201,23 @@ def test_a_sequence_selected_for_itself_is_itself(
             assert value == pytest.approx(1, abs=1e-4), method
     assert sentence.scores["selected"].tc_avg == pytest.approx(0, abs=1e-6)
     assert sentence.scores["selected"].vc_avg == 0
+    assert sentence.scores["selected"].join_jump == 0
+    assert sentence.scores["selected"].closure_hits == sentence.scores["real"].closure_hits
     assert sentence.scores["selected"].sl_avg == len(own)
 
     # Without its own units neither can be perfect, and the nearest is no longer its own.
-    without = evaluator.compare(target, Weights(skip=1e6), exclude_sequences=[name])
+    without = evaluator.compare(target, exclude_sequences=[name])
     assert without.scores["nearest"].r_pca < 1 - 1e-4
     assert without.scores["selected"].r_pca < without.scores["nearest"].r_pca
+
+
+def test_target_costs_that_need_a_guide(database: UnitDatabase) -> None:
+    with pytest.raises(SelectionError, match=r"'guided' needs a guide from phonemes.*'paper'"):
+        Evaluator(database, SelectionSettings(target=TargetSettings("guided")))
+    with pytest.raises(SelectionError, match="'sound' needs a guide from sound"):
+        Evaluator(database, methods=["sound"])
+    with pytest.raises(SelectionError, match="'papre' is no target cost"):
+        Evaluator(database, methods=["papre"])
+    everything = Evaluator(database, methods=["all"]).compared
+    assert list(everything) == ["selected", "paper"]
+    assert everything["paper"] == everything["selected"] == settings_for("paper")

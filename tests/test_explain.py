@@ -29,7 +29,7 @@ from unitsel.explain.facts import path_facts
 from unitsel.explain.pictures import CELL, PICTURE_BYTES
 from unitsel.explain.strip import FRAMES_A_ROW, MARGIN
 from unitsel.guide import guided_costs
-from unitsel.measures import joins, sl_avg, tc_avg, vc_avg
+from unitsel.likeness.measures import joins, sl_avg, tc_avg, vc_avg
 from unitsel.select import Selection, select_path, select_units, target_graph
 from unitsel.settings import SelectionSettings, TargetSettings
 from unitsel.source import SelectionInput

@@ -10,7 +10,7 @@ import pytest
 from database.errors import SelectionError
 from database.phonemes import PHONEME_INDEX
 from database.track import Interval, PhonemeTrack
-from unitsel.measures import (
+from unitsel.likeness.measures import (
     correlation,
     joins,
     sd_ratio,

@@ -37,9 +37,11 @@ from analysis.align import AlignSettings, Attempt  # noqa: E402
 from analysis.alignment import Alignment  # noqa: E402
 from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E402
 from analysis.face import FaceSettings  # noqa: E402
+from analysis.guide import GuideSettings  # noqa: E402
 from analysis.lag import LagSettings  # noqa: E402
 from analysis.motion import CropSettings, MotionSettings  # noqa: E402
 from analysis.texture import TextureSettings  # noqa: E402
+from database.cost_definition import CostSettings, FeatureWeights  # noqa: E402
 from database.errors import (  # noqa: E402
     AlignmentError,
     CorpusError,
@@ -71,11 +73,21 @@ from database.track import Interval, PhonemeTrack  # noqa: E402
 from render.background import Background  # noqa: E402
 from render.blend import BlendShape  # noqa: E402
 from unitsel.costs import Weights  # noqa: E402
-from unitsel.evaluation import Evaluation, evaluate  # noqa: E402
+from unitsel.explain import write_explanation  # noqa: E402
 from unitsel.inspection import Inspection, inspect_database  # noqa: E402
+from unitsel.likeness.evaluation import Evaluation, evaluate  # noqa: E402
+from unitsel.likeness.folds import evaluate_folds  # noqa: E402
 from unitsel.select import Fallback, Selection  # noqa: E402
+from unitsel.settings import (  # noqa: E402
+    SelectionSettings,
+    TargetSettings,
+    default_settings,
+)
 from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
 from unitsel.synthesizer import Synthesizer, Written  # noqa: E402
+from unitsel.training.pareto import ParetoSettings  # noqa: E402
+from unitsel.training.result import Training, TrainingSettings  # noqa: E402
+from unitsel.training.train import train  # noqa: E402
 
 __version__ = "0.1.0"
 
@@ -92,12 +104,15 @@ __all__ = [
     "BuildSettings",
     "Colour",
     "CorpusError",
+    "CostSettings",
     "CropSettings",
     "DatabaseError",
     "Evaluation",
     "FaceError",
     "FaceSettings",
     "Fallback",
+    "FeatureWeights",
+    "GuideSettings",
     "Inspection",
     "Interval",
     "LagSettings",
@@ -105,6 +120,7 @@ __all__ = [
     "MediaError",
     "ModelError",
     "MotionSettings",
+    "ParetoSettings",
     "PhonemeError",
     "PhonemeTrack",
     "Planes",
@@ -112,12 +128,16 @@ __all__ = [
     "RenderError",
     "Selection",
     "SelectionError",
+    "SelectionSettings",
     "Sound",
     "Synthesizer",
+    "TargetSettings",
     "TextureSettings",
     "Timing",
     "TimingError",
     "TrackError",
+    "Training",
+    "TrainingSettings",
     "UnitDatabase",
     "UnitselError",
     "Weights",
@@ -126,7 +146,9 @@ __all__ = [
     "__version__",
     "align_media",
     "build_database",
+    "default_settings",
     "evaluate",
+    "evaluate_folds",
     "inspect_database",
     "open_database",
     "planes_to_rgb",
@@ -135,5 +157,7 @@ __all__ = [
     "spread_words",
     "timing_extensions",
     "track_of_timing",
+    "train",
+    "write_explanation",
     "write_timing",
 ]

@@ -25,9 +25,8 @@ from database.media import probe, read_video
 from database.reader import open_database
 from database.timing import write_timing
 from unitsel.cli.output import Output
-from unitsel.costs import Weights
-from unitsel.evaluation import Evaluator, Target
-from unitsel.measures import joins
+from unitsel.likeness.evaluation import Evaluator, Target
+from unitsel.likeness.measures import joins
 from unitsel.plots import strip
 from unitsel.synthesizer import Synthesizer
 
@@ -113,7 +112,7 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
             selection, out / "demo.mp4", audio=left_out.media, progress=output.progress
         )
         output.close()
-        scores = evaluator.compare(target, Weights()).scores["selected"]
+        scores = evaluator.compare(target).scores["selected"]
         held = target.words in database.sequences.words
         novelty = "as another clip does too" if held else "which no clip of the database says"
     _contact_sheet(written.path, left_out.media, target, out / "demo.png")

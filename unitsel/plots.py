@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from database.errors import UnitselError
 from database.phonemes import VISEMES
 from database.reader import UnitDatabase
-from unitsel.evaluation import Evaluation, Sentence
 from unitsel.inspection import extreme_units, typical_units
+from unitsel.likeness.evaluation import Evaluation, Sentence
 
 COLOURS = {"real": "#c0392b", "selected": "#2458a6", "phoneme_mean": "#9aa0a6"}
 
@@ -85,7 +85,7 @@ def _sheet(database: UnitDatabase, units: list[int], titles: list[str], path: Pa
     for axis, unit, title in zip(axes, units, titles, strict=False):
         axis.imshow(database.picture(unit))
         axis.set_title(title, fontsize=8)
-    return _saved(figure, path)
+    return saved_plot(figure, path)
 
 
 def _shares(database: UnitDatabase, path: Path) -> Path:
@@ -96,7 +96,7 @@ def _shares(database: UnitDatabase, path: Path) -> Path:
     axis.set_xticks(range(len(VISEMES)), [" ".join(v) for v in VISEMES], rotation=60, fontsize=7)
     axis.set_yscale("symlog", linthresh=10)
     axis.set_ylabel("units")
-    return _saved(figure, path)
+    return saved_plot(figure, path)
 
 
 def _trajectories(sentence: Sentence, path: Path) -> Path:
@@ -112,7 +112,7 @@ def _trajectories(sentence: Sentence, path: Path) -> Path:
     _draw(lower, sentence, "height", "mouth height (mm)")
     lower.set_xlabel("seconds")
     upper.legend(loc="upper right", fontsize=8)
-    return _saved(figure, path)
+    return saved_plot(figure, path)
 
 
 def _draw(axis: Axes, sentence: Sentence, parameter: str, label: str) -> None:
@@ -129,7 +129,14 @@ def _draw(axis: Axes, sentence: Sentence, parameter: str, label: str) -> None:
     axis.grid(alpha=0.25)
 
 
-def _saved(figure: Figure, path: Path) -> Path:
+def saved_plot(figure: Figure, path: Path) -> Path:
+    """Write a figure to a file and give its path back.
+
+    Raises
+    ------
+    UnitselError
+        If it cannot be written.
+    """
     try:
         figure.savefig(path, dpi=110)
     except OSError as error:

@@ -10,10 +10,10 @@ from typing import NoReturn
 
 import unitsel
 from database.errors import UnitselError
-from unitsel.cli import align, build, evaluate, inspect, synth
+from unitsel.cli import align, build, evaluate, inspect, synth, train
 from unitsel.cli.output import Output
 
-COMMANDS = (build, synth, align, inspect, evaluate)
+COMMANDS = (build, synth, align, inspect, evaluate, train)
 
 USAGE_ERROR = 2
 """Exit status of bad input."""

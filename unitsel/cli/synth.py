@@ -18,7 +18,7 @@ from unitsel.cli.arguments import (
 )
 from unitsel.cli.output import Output
 from unitsel.explain import explain, write_explanation
-from unitsel.measures import joins
+from unitsel.likeness.measures import joins
 from unitsel.speech_track import track_of_timing
 from unitsel.synthesizer import Synthesizer
 

@@ -15,7 +15,7 @@ from database.errors import SelectionError
 from database.phonemes import N_PHONEMES, VISEME_OF
 from database.reader import UnitDatabase
 from unitsel.costs import Weights
-from unitsel.measures import joins
+from unitsel.likeness.measures import joins
 from unitsel.select import Selection, TargetGraph
 from unitsel.settings import SelectionSettings
 

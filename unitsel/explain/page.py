@@ -20,7 +20,7 @@ from unitsel.explain.facts import PathFacts, path_facts
 from unitsel.explain.pictures import pair, picture_definitions, single
 from unitsel.explain.strip import Strip, join_told, number
 from unitsel.explain.style import STYLE
-from unitsel.measures import sl_avg, tc_avg, vc_avg
+from unitsel.likeness.measures import sl_avg, tc_avg, vc_avg
 from unitsel.select import Selection
 from unitsel.settings import SelectionSettings
 

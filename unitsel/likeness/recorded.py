@@ -1,0 +1,105 @@
+"""Recorded sentences as targets: of clips that a database does not hold, or of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.align import Aligner
+from analysis.clip import analyse_clip
+from analysis.corpus import Clip
+from analysis.face import FaceFinder
+from analysis.lips import mesh_mouth_height
+from analysis.texture import describe_clip
+from database.reader import UnitDatabase
+from database.track import PhonemeTrack
+from unitsel.likeness.eye_measures import lip_opening
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a recorded sentence asks for, and what was recorded of it.
+
+    Parameters
+    ----------
+    clip, words : str
+    track : PhonemeTrack
+    frames : (n,) int64
+        Numbers of the frames with a face, at the database's rate.
+    pca : (n, K) float32
+        PCA weights, in the database's components and lighting.
+    height : (n,) float64
+        Mouth height, mm.
+    mesh : (n,) float64
+        Mouth height of the raw face mesh (`analysis.lips.mesh_mouth_height`).
+    opening : (n,) float64
+        Opening of the raw mesh's lips (`unitsel.likeness.eye_measures.lip_opening`).
+    sound : (steps, 26) float, optional
+        `database.sound_features.sound_features` of the recording.
+    """
+
+    clip: str
+    words: str
+    track: PhonemeTrack
+    frames: npt.NDArray[np.int64]
+    pca: npt.NDArray[np.float32]
+    height: FloatArray
+    mesh: FloatArray
+    opening: FloatArray
+    sound: npt.NDArray[np.floating] | None = None
+
+
+def analysed_target(
+    database: UnitDatabase, clip: Clip, finder: FaceFinder, aligner: Aligner
+) -> Target:
+    """Analyse a clip, in the database's mask, components and lighting.
+
+    Raises
+    ------
+    UnitselError
+        Of the kind that says what is wrong with the clip.
+    """
+    analysed = analyse_clip(clip, database.mask, database.camera, finder, aligner, fps=database.fps)
+    return Target(
+        clip.name,
+        analysed.alignment.text,
+        analysed.alignment.track,
+        analysed.face.numbers.astype(np.int64),
+        describe_clip(analysed.reduced, database.texture),
+        analysed.lips.height.astype(np.float64),
+        mesh_mouth_height(analysed.face.landmarks),
+        lip_opening(analysed.face.landmarks),
+        analysed.sound if len(analysed.sound) else None,
+    )
+
+
+def stored_target(
+    database: UnitDatabase, sequence: int, mesh: FloatArray, opening: FloatArray
+) -> Target:
+    """A sequence of the database, as it is stored.
+
+    Parameters
+    ----------
+    database : UnitDatabase
+    sequence : int
+    mesh, opening : (N,) float64
+        Of all units (`unitsel.likeness.rulers.Rulers.mesh`).
+    """
+    units, sequences = database.units, database.sequences
+    first = int(sequences.first_unit[sequence])
+    own = slice(first, first + int(sequences.units[sequence]))
+    return Target(
+        sequences.name[sequence],
+        sequences.words[sequence],
+        database.sequence_track(sequence),
+        units.frame[own].astype(np.int64),
+        units.pca[own],
+        units.mouth_height[own].astype(np.float64),
+        mesh[own],
+        opening[own],
+        database.sound(sequence),
+    )

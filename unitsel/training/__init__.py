@@ -1,0 +1,1 @@
+"""Weights from recordings: Pareto optimisation over the path cost."""
