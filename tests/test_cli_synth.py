@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -11,11 +12,14 @@ from types import ModuleType
 import av
 import pytest
 
+from database.fingerprint import identity
 from database.media import probe, snap_rate
+from database.reader import open_database
 from database.sound import read_sound
 from database.timing import Timing, WordTrack, write_timing
 from database.track import Interval, PhonemeTrack, frame_count
 from unitsel.costs import Weights
+from unitsel.settings import settings_for
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -188,9 +192,34 @@ def test_a_viseme_without_units_is_reported(
 def test_weights_of_a_file_are_used(grid: Path, synth: Callable[..., dict], tmp_path: Path) -> None:
     plain = synth(grid)
     assert synth(grid) == plain
-    Weights().write(tmp_path / "same.json")
+    settings_for("paper").write(tmp_path / "same.json")
     assert synth(grid, "--weights", tmp_path / "same.json") == plain
-    Weights(target=1, concatenation=0).write(tmp_path / "phones.json")
+    phones = replace(settings_for("paper"), weights=Weights(target=1, concatenation=0))
+    phones.write(tmp_path / "phones.json")
     found = synth(grid, "--weights", tmp_path / "phones.json")
     assert found["segments"] > plain["segments"]
     assert found["cost"] < plain["cost"]
+
+
+def test_weights_of_another_database_are_refused(
+    grid: Path, puppet_db: Path, run: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    weights = tmp_path / "weights.json"
+    with open_database(puppet_db) as database:
+        settings_for("paper").write(weights, database=identity(database))
+    out = tmp_path / "out.mp4"
+    assert run("synth", puppet_db, grid, "-o", out, "--weights", weights)[0] == 0
+    out.unlink()
+    settings_for("paper").write(weights, database="0" * 32)
+    status, _, err = run("synth", puppet_db, grid, "-o", out, "--weights", weights)
+    assert status == 2 and not out.exists()
+    assert err.startswith(f"unitsel: {weights}: was trained on another database")
+
+
+def test_a_target_cost_without_its_guide_is_refused(
+    grid: Path, puppet_db: Path, run: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    out = tmp_path / "out.mp4"
+    status, _, err = run("synth", puppet_db, grid, "-o", out, "--target", "guided")
+    assert status == 2 and not out.exists()
+    assert "needs a guide from phonemes" in err and "or choose 'paper'" in err
