@@ -34,6 +34,7 @@ from unitsel.search.sources import INFINITE, find_champions, find_gains, find_so
 @njit(cache=True, nogil=True)
 def advance(
     start: bool,
+    again: bool,
     cost: FloatArray,
     other: FloatArray,
     least_cost: float,
@@ -76,6 +77,8 @@ def advance(
     ----------
     start : bool
         Whether the first of them is the first of all.
+    again : bool
+        Whether the frame before has the same list.
     cost, other : float64
         Costs up to the units of the frame before, ``FRONT`` places on, and room for the next; at
         the end the last costs are in `cost` if the number of frames is even.
@@ -124,7 +127,7 @@ def advance(
             special[u] = np.inf
             total[u] = np.inf
         # Specials.
-        same = t > 0
+        same = again or t > 0
         if start and not same:
             for u in range(n):
                 special[u] = 0.0

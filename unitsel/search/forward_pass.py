@@ -141,12 +141,13 @@ class ForwardPass:
             costs[i] = row
         start = self._before is None
         before = candidates if self._before is None else self._before
-        cross = _NO_PAIRS if start else self._space.pairs(before, candidates)
+        again = before is candidates and not start
+        cross = _NO_PAIRS if start or again else self._space.pairs(before, candidates)
         self._make_room(n)
         own = candidates.pairs
         bounds = np.empty(m + 1, dtype=np.int64)
         done, least, first = advance(
-            start, self._cost, self._other, self._least, self._first,
+            start, again, self._cost, self._other, self._least, self._first,
             before.rows, before.columns, len(before), before.centre, before.radius,
             candidates.rows, candidates.columns, candidates.centre, candidates.radius,
             candidates.near,

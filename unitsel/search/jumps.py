@@ -13,10 +13,13 @@ from unitsel.search.kernels import (
     SingleArray,
     UnitArray,
     apart,
+    apart_first,
+    apart_rest,
 )
 from unitsel.search.lanes import (
     LANES,
     absolute,
+    add,
     choose,
     count,
     fma,
@@ -27,6 +30,7 @@ from unitsel.search.lanes import (
     load_less,
     lowest,
     mul,
+    root,
     select,
     splat,
     store,
@@ -78,7 +82,12 @@ def try_sources(
     for k in range(0, n, LANES):
         some += count(less(floor, load(gain, k)))
     for s in range(some):
-        c = fma(weight, apart(columns, at, sources, s * width, ends), splat(own[s]))
+        o = s * width
+        base = splat(own[s])
+        total, square = apart_first(columns, at, sources, o, ends)
+        if less(fma(weight, add(total, root(square)), base), b) == 0:
+            continue
+        c = fma(weight, apart_rest(total, square, columns, at, sources, o, ends), base)
         g = choose(c, b, splat(np.float32(s)), g)
         b = choose(c, b, c, b)
     store(best, to, choose(g, splat(np.float32(0)), splat(INFINITE), b))

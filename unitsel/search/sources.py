@@ -17,6 +17,8 @@ from unitsel.search.kernels import (
     SingleArray,
     UnitArray,
     apart,
+    apart_first,
+    apart_rest,
 )
 from unitsel.search.lanes import (
     LANES,
@@ -32,6 +34,7 @@ from unitsel.search.lanes import (
     load_less,
     lowest,
     mul,
+    root,
     splat,
     store,
     sub,
@@ -169,11 +172,15 @@ def find_sources(
         live = 0
         for j in range(0, m, LANES):
             x = load(rest, j)
-            d = apart(gathered, j * width, rows, place, ends)
-            x = choose(x, fma(wide, d, base), x, nowhere)
-            store(rest, j, x)
+            bits = less(x, nowhere)
+            total, square = apart_first(gathered, j * width, rows, place, ends)
+            if less(x, fma(wide, add(total, root(square)), base)) != bits:
+                d = apart_rest(total, square, gathered, j * width, rows, place, ends)
+                x = choose(x, fma(wide, d, base), x, nowhere)
+                store(rest, j, x)
+                bits = less(x, nowhere)
             running = choose(x, running, x, running)
-            live += count(less(x, nowhere))
+            live += count(bits)
         lowest_rest = least(running)
         rounds += 1
         if rounds % 8 == 0:
