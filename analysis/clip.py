@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +15,10 @@ from analysis.align import Aligner
 from analysis.alignment import Alignment
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
+from analysis.gradient_motion import Reference
+from analysis.head_motion import HeadFollower
 from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
-from analysis.motion import MotionSettings, estimate_poses
-from analysis.smoothing import runs
+from analysis.motion import MotionSettings
 from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop
@@ -25,9 +26,6 @@ from database.media import MediaInfo, probe, read_video
 from database.pictures import encode
 from database.sound import Sound, read_sound
 from database.sound_features import BANDS, sound_features
-
-SHORTEST_RUN = 3
-"""Frames: a face seen for less is a false alarm, and no pose can be smoothed over it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,9 @@ class TrackedFace:
     poses : Poses of length n
     camera : Camera
         The camera of this video.
+    lost : (n,) bool
+        Frames in which image gradients did not find the face, so that the pose is the feature
+        points'; none where gradients were not asked.
     """
 
     frames: int
@@ -52,6 +53,7 @@ class TrackedFace:
     landmarks: npt.NDArray[np.float32]
     poses: Poses
     camera: Camera
+    lost: npt.NDArray[np.bool_]
 
     def missing(self) -> list[int]:
         """Numbers of the frames without a face."""
@@ -103,6 +105,8 @@ def track_face(
     *,
     fps: float | None = None,
     settings: MotionSettings | None = None,
+    known: Mapping[int, npt.NDArray[np.float64]] | None = None,
+    reference: Reference | None = None,
 ) -> TrackedFace:
     """Follow the head through a video, one picture at a time.
 
@@ -117,6 +121,11 @@ def track_face(
     fps : float, optional
         Rate to read the video at; its own by default.
     settings : MotionSettings, optional
+    known : mapping of int to (3, 4) float64, optional
+        Frame numbers whose pose is known (`analysis.hand_points.pose_by_hand`): these, not the
+        feature points, say where the mask sits on the face.
+    reference : Reference, optional
+        Of the person: says the same, alike for all clips.
 
     Raises
     ------
@@ -128,37 +137,18 @@ def track_face(
     info = probe(media)
     own_camera = camera.scaled_to(info.width, info.height)
     finder.reset()
-    found: list[tuple[int, npt.NDArray[np.float32]]] = []
+    follower = HeadFollower(mask, own_camera, settings, known, reference)
     frames = 0
     for frame in read_video(media, fps):
         frames = frame.index + 1
         mesh = finder.find(frame.rgb)
         if mesh is not None:
-            found.append((frame.index, mesh.points[:, :2]))
-    stretches = [r for r in runs([i for i, _ in found]) if r[1] - r[0] >= SHORTEST_RUN]
-    numbers: list[int] = []
-    landmarks: list[npt.NDArray[np.float32]] = []
-    rotations: list[npt.NDArray[np.float32]] = []
-    translations: list[npt.NDArray[np.float32]] = []
-    for first, last in stretches:
-        points = np.stack([p for _, p in found[first:last]])
-        try:
-            poses, good = estimate_poses(points, mask, own_camera, settings)
-        except FaceError:
-            continue
-        for k in np.flatnonzero(good):
-            numbers.append(found[first + k][0])
-            landmarks.append(points[k])
-            rotations.append(poses.rotations[k])
-            translations.append(poses.translations[k])
-    if not numbers:
+            follower.add(frame.index, frame.rgb, mesh.points[:, :2])
+    motion = follower.finish()
+    if not len(motion.numbers):
         raise FaceError(f"{media}: shows no face that can be followed, in {frames} frames")
     return TrackedFace(
-        frames,
-        np.array(numbers, np.int32),
-        np.stack(landmarks),
-        Poses(np.stack(rotations), np.stack(translations)),
-        own_camera,
+        frames, motion.numbers, motion.landmarks, motion.poses, own_camera, motion.lost
     )
 
 
@@ -201,6 +191,7 @@ def analyse_clip(
     fps: float | None = None,
     codec: str | None = None,
     settings: MotionSettings | None = None,
+    reference: Reference | None = None,
 ) -> AnalysedClip:
     """Analyse a clip.
 
@@ -216,6 +207,8 @@ def analyse_clip(
     codec : str, optional
         Encode the crops with this codec; without it they are only described.
     settings : MotionSettings, optional
+    reference : Reference, optional
+        Of the person (`analysis.person.Person`).
 
     Raises
     ------
@@ -226,7 +219,9 @@ def analyse_clip(
     info = probe(clip.media)
     sound = _sound_of(info)
     alignment = align_clip(clip, sound, info.duration, aligner)
-    face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
+    face = track_face(
+        clip.media, mask, camera, finder, fps=fps, settings=settings, reference=reference
+    )
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
     reduced: list[npt.NDArray[np.uint8]] = []

@@ -1,25 +1,71 @@
-"""Who is filmed: the frame of a corpus that the person's mask is made of."""
+"""Who is filmed: the person's mask, from several good frames, and where it sits on the face."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from analysis.face import FaceFinder, FaceMesh
-from analysis.motion import CropSettings, make_mask
+from analysis.face import FaceFinder
+from analysis.gradient_motion import FacePicture, GradientTracker, Reference
+from analysis.hand_points import HandPoints, mask_through
+from analysis.motion import CropSettings, MotionSettings, average_mask, estimate_poses
+from analysis.rigid import Matrix
+from analysis.surface_texture import face_picture
 from database.errors import FaceError, UnitselError
 from database.mask import OUTER_EYE_CORNERS, Camera, Mask
 from database.media import read_video
 
-ENOUGH_VIDEOS: Final = 5
-"""Videos with a face that are looked at before the best frame so far will do."""
+ENOUGH_VIDEOS: Final = 6
+"""Videos with a face that are looked at."""
+
+FRAMES_OF_VIDEO: Final = 4
+"""Good frames that are taken from each."""
+
+FRAMES_APART: Final = 4
+"""Frames between two that are taken: neighbours err alike."""
+
+LONGEST_LOOK: Final = 100
+"""Frames of a video that are looked at once a good one has been found anywhere."""
 
 _BETWEEN_LIPS: Final = (13, 14)
 _NOSE_TIP: Final = 1
+
+
+@dataclass(frozen=True)
+class Person:
+    """Who is filmed, and with what camera.
+
+    Parameters
+    ----------
+    mask : Mask
+    camera : Camera
+        Of the first video with a face.
+    reference : Reference or None
+        What the person's rigid surface looks like; given to `analysis.clip.track_face`, it puts
+        the mask on the same place of the face in all clips. None where gradients are not used.
+    frames : int
+        Good frames that the mask is the mean of.
+    """
+
+    mask: Mask
+    camera: Camera
+    reference: Reference | None
+    frames: int
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """A frame that may serve."""
+
+    fault: float
+    points: npt.NDArray[np.float32]
+    picture: FacePicture
+    camera: Camera
 
 
 def find_person(
@@ -28,8 +74,27 @@ def find_person(
     *,
     focal: float | None = None,
     crop: CropSettings | None = None,
+    camera: Camera | None = None,
 ) -> tuple[Mask, Camera]:
-    """Make the person's mask of the first good frame: frontal, upright, lips together.
+    """Make the person's mask: `study_person` without the reference."""
+    points = MotionSettings(method="points")
+    person = study_person(videos, finder, focal=focal, crop=crop, camera=camera, settings=points)
+    return person.mask, person.camera
+
+
+def study_person(
+    videos: Sequence[Path],
+    finder: FaceFinder,
+    *,
+    focal: float | None = None,
+    crop: CropSettings | None = None,
+    camera: Camera | None = None,
+    settings: MotionSettings | None = None,
+    hand: tuple[Path, HandPoints] | None = None,
+) -> Person:
+    """Make the person's mask of good frames of the first videos: frontal, upright, lips together.
+
+    Where no frame is good, the best one serves alone.
 
     Parameters
     ----------
@@ -38,46 +103,111 @@ def find_person(
     focal : float, optional
         Focal length in pixels of the first video's pictures.
     crop : CropSettings, optional
-
-    Returns
-    -------
-    mask : Mask
-    camera : Camera
+    camera : Camera, optional
+        Calibrated (`analysis.calibration.read_camera`); scaled to each video's size.
+    settings : MotionSettings, optional
+    hand : (Path, HandPoints), optional
+        A video, and six points marked in one of its frames: the mask is moved to pass through
+        them, and sits on the face, in all clips, as they say.
 
     Raises
     ------
     FaceError
-        If no video shows a face.
+        If no video shows a face, or the marked frame does not.
+    CorpusError
+        If the points do not lie on a face.
     """
-    best: tuple[float, FaceMesh, Camera] | None = None
+    good: list[_Sight] = []
+    best: _Sight | None = None
     seen = 0
     for video in videos:
+        taken: list[_Sight] = []
+        before, met = -FRAMES_APART, False
         finder.reset()
-        met = False
         try:
             for frame in read_video(video):
+                if frame.index >= LONGEST_LOOK and (good or taken):
+                    break
                 mesh = finder.find(frame.rgb)
                 if mesh is None:
                     continue
-                met = True
                 height, width = frame.rgb.shape[:2]
+                if camera is None:
+                    camera = Camera.assumed(width, height, focal)
+                own = camera.scaled_to(width, height)
+                met = True
                 fault = _fault(mesh.points, width, height)
-                if best is None or fault < best[0]:
-                    best = (fault, mesh, Camera.assumed(width, height, focal))
-                if fault < 1:
+                usable = fault < 1 and frame.index - before >= FRAMES_APART
+                if not usable and best is not None and fault >= best.fault:
+                    continue
+                picture = face_picture(frame.rgb, mesh.points, own)
+                sight = _Sight(fault, mesh.points, picture, own)
+                if usable:
+                    taken.append(sight)
+                    before = frame.index
+                else:
+                    best = sight
+                if len(taken) == FRAMES_OF_VIDEO:
                     break
         except UnitselError:
             continue  # The build names unreadable clips when it comes to them.
+        good += taken
         seen += met
-        if best is not None and (best[0] < 1 or seen >= ENOUGH_VIDEOS):
+        if seen >= ENOUGH_VIDEOS:
             break
-    if best is None:
+    if not good and best is not None:
+        good = [best]
+    if not good or camera is None:
         others = f", nor do the other {len(videos) - 1} clips" if len(videos) > 1 else ""
         raise FaceError(
             f"{videos[0]}: shows no face{others}; film one face that looks into the camera"
         )
-    _, mesh, camera = best
-    return make_mask(mesh.points, camera, crop), camera
+    mask = average_mask([s.points for s in good], [s.camera for s in good], crop)
+    chosen = settings or MotionSettings()
+    known: Matrix | None = None
+    if hand is not None:
+        marked = _marked(hand, finder, camera)
+        mask, known = mask_through(mask, hand[1], marked.camera)
+        good = [marked, *good]
+    reference = None
+    if chosen.method == "gradients":
+        reference = _reference(good, mask, chosen, {} if known is None else {0: known})
+    return Person(mask, camera, reference, len(good))
+
+
+def _marked(hand: tuple[Path, HandPoints], finder: FaceFinder, camera: Camera) -> _Sight:
+    """The frame in which points were marked."""
+    video, points = hand
+    finder.reset()
+    for frame in read_video(video):
+        if frame.index < points.frame:
+            continue
+        mesh = finder.find(frame.rgb)
+        if mesh is None:
+            raise FaceError(f"{video}: frame {points.frame} shows no face; mark another frame")
+        height, width = frame.rgb.shape[:2]
+        own = camera.scaled_to(width, height)
+        return _Sight(0.0, mesh.points, face_picture(frame.rgb, mesh.points, own), own)
+    raise FaceError(f"{video}: has no frame {points.frame}; frames are counted from 0")
+
+
+def _reference(
+    sights: Sequence[_Sight], mask: Mask, settings: MotionSettings, known: Mapping[int, Matrix]
+) -> Reference | None:
+    """Texture of the person from the frames that the mask was made of."""
+    starts = np.zeros((len(sights), 3, 4))
+    trusted = np.zeros(len(sights), bool)
+    for i, sight in enumerate(sights):
+        try:
+            poses, fits = estimate_poses(sight.points[None, :, :2], mask, sight.camera, settings)
+        except FaceError:
+            continue
+        starts[i], trusted[i] = poses.matrix(0), fits[0]
+    if not trusted.any():
+        return None
+    tracker = GradientTracker(mask, settings.gradients)
+    tracker.follow([s.picture for s in sights], starts, trusted, known)
+    return tracker.reference
 
 
 def _fault(points: npt.NDArray[np.float32], width: int, height: int) -> float:
