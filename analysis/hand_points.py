@@ -1,8 +1,10 @@
 """Six points marked by hand (four eye corners, two nostrils), which rule where the mask sits.
 
-They stand in a JSON file, pixel centres at integers, left and right those of the picture::
+They stand in a JSON file with the clip and the frame in which they were marked, pixel centres at
+integers, left and right those of the picture::
 
-    {"frame": 0, "points": {"left eye, outer": [113.5, 160.2], "left eye, inner": [132.0, 161.1],
+    {"clip": "bbaf2n", "frame": 0, "points": {
+     "left eye, outer": [113.5, 160.2], "left eye, inner": [132.0, 161.1],
      "right eye, inner": [158.3, 161.0], "right eye, outer": [178.9, 160.4],
      "left nostril": [139.2, 193.5], "right nostril": [153.0, 193.8]}}
 """
@@ -46,17 +48,25 @@ class HandPoints:
 
     Parameters
     ----------
+    clip : str
+        Name of the clip.
     frame : int
         Counted from 0.
-    points : (6, 2) float64
+    points : six pairs of float
         Pixels, in the order of `MESH_POINTS`.
     source : str
-        Where they come from, for messages.
+        Name of the file they come from, for messages.
     """
 
+    clip: str
     frame: int
-    points: npt.NDArray[np.float64]
+    points: tuple[tuple[float, float], ...]
     source: str = "points marked by hand"
+
+    @property
+    def array(self) -> npt.NDArray[np.float64]:
+        """The points, (6, 2) float64."""
+        return np.array(self.points, dtype=np.float64)
 
 
 def read_hand_points(path: str | Path) -> HandPoints:
@@ -75,7 +85,10 @@ def read_hand_points(path: str | Path) -> HandPoints:
     except ValueError as error:
         raise CorpusError(f"{file}: is no JSON ({error}); see the form in the README") from error
     if not isinstance(found, dict) or not isinstance(found.get("points"), dict):
-        raise CorpusError(f'{file}: must hold {{"frame": ..., "points": {{...}}}}')
+        raise CorpusError(f'{file}: must hold {{"clip": ..., "frame": ..., "points": {{...}}}}')
+    clip = found.get("clip")
+    if not isinstance(clip, str) or not clip:
+        raise CorpusError(f"{file}: clip must be the name of a clip of the corpus, not {clip!r}")
     frame = found.get("frame", 0)
     if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
         raise CorpusError(f"{file}: frame must be a whole number from 0, not {frame!r}")
@@ -85,11 +98,11 @@ def read_hand_points(path: str | Path) -> HandPoints:
         numbers = isinstance(value, list) and len(value) == 2
         if not numbers or not all(isinstance(v, int | float) and np.isfinite(v) for v in value):
             raise CorpusError(f'{file}: point "{name}" must be two numbers [x, y], not {value!r}')
-        rows.append(value)
+        rows.append((float(value[0]), float(value[1])))
     extra = sorted(set(found["points"]) - set(MESH_POINTS))
     if extra:
         raise CorpusError(f'{file}: does not know the point "{extra[0]}"; see the README')
-    return HandPoints(frame, np.array(rows, dtype=np.float64), str(file))
+    return HandPoints(clip, frame, tuple(rows), file.name)
 
 
 def pose_by_hand(hand: HandPoints, mask: Mask, camera: Camera) -> Matrix:
@@ -101,7 +114,7 @@ def pose_by_hand(hand: HandPoints, mask: Mask, camera: Camera) -> Matrix:
         If there is none.
     """
     model = _on_mask(mask)
-    points = np.ascontiguousarray(hand.points)
+    points = hand.array
     eyes = float(np.linalg.norm(points[3] - points[0]))
     try:
         _, r, t = cv2.solvePnP(model, points, camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
@@ -135,7 +148,7 @@ def mask_through(mask: Mask, hand: HandPoints, camera: Camera) -> tuple[Mask, Ma
         now = replace(mask, vertices=vertices.astype(np.float32))
         model = _on_mask(now)
         depth = model @ pose[2, :3] + pose[2, 3]
-        rays = (hand.points - [camera.cx, camera.cy]) * depth[:, None] / camera.focal
+        rays = (hand.array - [camera.cx, camera.cy]) * depth[:, None] / camera.focal
         space = np.column_stack([rays, depth])
         wanted = (space - pose[:, 3]) @ pose[:, :3]
         # Gaussians that together give each point its correction.

@@ -90,8 +90,8 @@ class GradientSettings:
     """
 
     spacing: float = 1.3
-    least_spacing: float = 1.5
-    blur: float = 0.42
+    least_spacing: float = 2.0
+    blur: float = 0.3
     steps: int = 10
     enough: float = 0.01
     passes: int = 1

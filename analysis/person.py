@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from analysis.calibration import FEWEST_FRAMES
+from analysis.calibration import estimate_focal as focal_of
 from analysis.face import FaceFinder
 from analysis.gradient_motion import FacePicture, GradientTracker, Reference
 from analysis.hand_points import HandPoints, mask_through
@@ -68,20 +71,6 @@ class _Sight:
     camera: Camera
 
 
-def find_person(
-    videos: Sequence[Path],
-    finder: FaceFinder,
-    *,
-    focal: float | None = None,
-    crop: CropSettings | None = None,
-    camera: Camera | None = None,
-) -> tuple[Mask, Camera]:
-    """Make the person's mask: `study_person` without the reference."""
-    points = MotionSettings(method="points")
-    person = study_person(videos, finder, focal=focal, crop=crop, camera=camera, settings=points)
-    return person.mask, person.camera
-
-
 def study_person(
     videos: Sequence[Path],
     finder: FaceFinder,
@@ -89,8 +78,9 @@ def study_person(
     focal: float | None = None,
     crop: CropSettings | None = None,
     camera: Camera | None = None,
+    estimate_focal: bool = False,
     settings: MotionSettings | None = None,
-    hand: tuple[Path, HandPoints] | None = None,
+    hand: HandPoints | None = None,
 ) -> Person:
     """Make the person's mask of good frames of the first videos: frontal, upright, lips together.
 
@@ -105,10 +95,13 @@ def study_person(
     crop : CropSettings, optional
     camera : Camera, optional
         Calibrated (`analysis.calibration.read_camera`); scaled to each video's size.
+    estimate_focal : bool
+        Estimate the focal length over the first videos (`analysis.calibration.estimate_focal`),
+        where neither it nor a camera is given.
     settings : MotionSettings, optional
-    hand : (Path, HandPoints), optional
-        A video, and six points marked in one of its frames: the mask is moved to pass through
-        them, and sits on the face, in all clips, as they say.
+    hand : HandPoints, optional
+        Six points marked in a frame of the first video: the mask is moved to pass through them,
+        and sits on the face, in all clips, as they say.
 
     Raises
     ------
@@ -117,6 +110,8 @@ def study_person(
     CorpusError
         If the points do not lie on a face.
     """
+    if estimate_focal and focal is None and camera is None:
+        camera = _estimated_camera(videos, finder)
     good: list[_Sight] = []
     best: _Sight | None = None
     seen = 0
@@ -134,6 +129,8 @@ def study_person(
                 height, width = frame.rgb.shape[:2]
                 if camera is None:
                     camera = Camera.assumed(width, height, focal)
+                if not met and not seen:
+                    camera = camera.scaled_to(width, height)
                 own = camera.scaled_to(width, height)
                 met = True
                 fault = _fault(mesh.points, width, height)
@@ -166,8 +163,8 @@ def study_person(
     chosen = settings or MotionSettings()
     known: Matrix | None = None
     if hand is not None:
-        marked = _marked(hand, finder, camera)
-        mask, known = mask_through(mask, hand[1], marked.camera)
+        marked = _marked(videos[0], hand, finder, camera)
+        mask, known = mask_through(mask, hand, marked.camera)
         good = [marked, *good]
     reference = None
     if chosen.method == "gradients":
@@ -175,9 +172,33 @@ def study_person(
     return Person(mask, camera, reference, len(good))
 
 
-def _marked(hand: tuple[Path, HandPoints], finder: FaceFinder, camera: Camera) -> _Sight:
+def _estimated_camera(videos: Sequence[Path], finder: FaceFinder) -> Camera | None:
+    """A camera whose focal length the first videos tell; None if they show too little."""
+    meshes: list[npt.NDArray[np.float32]] = []
+    size: tuple[int, int] | None = None
+    seen = 0
+    for video in videos:
+        finder.reset()
+        before = len(meshes)
+        try:
+            for frame in itertools.islice(read_video(video), LONGEST_LOOK):
+                height, width = frame.rgb.shape[:2]
+                mesh = finder.find(frame.rgb)
+                if mesh is not None and size in (None, (width, height)):
+                    size = (width, height)
+                    meshes.append(mesh.points)
+        except UnitselError:
+            continue  # The build names unreadable clips when it comes to them.
+        seen += len(meshes) > before
+        if seen >= ENOUGH_VIDEOS:
+            break
+    if size is None or len(meshes) < FEWEST_FRAMES:
+        return None
+    return Camera.assumed(*size, focal_of(np.stack(meshes), *size).focal)
+
+
+def _marked(video: Path, points: HandPoints, finder: FaceFinder, camera: Camera) -> _Sight:
     """The frame in which points were marked."""
-    video, points = hand
     finder.reset()
     for frame in read_video(video):
         if frame.index < points.frame:

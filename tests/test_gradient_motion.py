@@ -13,7 +13,7 @@ from analysis.clip import track_face
 from analysis.gradient_motion import GradientTracker
 from analysis.head_motion import HeadFollower
 from analysis.motion import GradientSettings, MotionSettings, estimate_poses, make_mask
-from analysis.person import find_person, study_person
+from analysis.person import study_person
 from analysis.photometric import REGIONS, rigid_surface
 from analysis.rigid import from_six, inverse, joined, to_six, usual_step
 from analysis.surface_texture import face_picture
@@ -305,9 +305,9 @@ def test_the_mask_is_made_of_several_frames(puppet_corpus, finder):
     person = study_person(videos, finder)
     assert person.frames >= 4
     assert person.reference is not None and person.reference.views
-    other, camera = find_person(videos[1:], finder)
-    assert camera == person.camera
-    apart = np.linalg.norm(other.vertices - person.mask.vertices, axis=1)
+    other = study_person(videos[1:], finder)
+    assert other.camera == person.camera
+    apart = np.linalg.norm(other.mask.vertices - person.mask.vertices, axis=1)
     assert 0 < np.median(apart) < 1.5, "mm"
 
 

@@ -39,20 +39,28 @@ def seen(mask, pose=POSE, camera=CAMERA):
     return np.stack([points[list(ids)].mean(axis=0) for ids in MESH_POINTS.values()])
 
 
+def marked(points):
+    return HandPoints("one", 0, tuple(map(tuple, points.tolist())))
+
+
 def document(points, frame=3):
-    return {"frame": frame, "points": dict(zip(MESH_POINTS, points.tolist(), strict=True))}
+    return {
+        "clip": "one",
+        "frame": frame,
+        "points": dict(zip(MESH_POINTS, points.tolist(), strict=True)),
+    }
 
 
 def test_a_file_of_points(tmp_path, mask):
     path = tmp_path / "points.json"
     path.write_text(json.dumps(document(seen(mask))))
     found = read_hand_points(path)
-    assert found.frame == 3 and found.source == str(path)
-    np.testing.assert_allclose(found.points, seen(mask))
+    assert (found.clip, found.frame, found.source) == ("one", 3, "points.json")
+    np.testing.assert_allclose(found.array, seen(mask))
 
 
 def test_the_pose_of_the_points(mask):
-    pose = pose_by_hand(HandPoints(0, seen(mask)), mask, CAMERA)
+    pose = pose_by_hand(marked(seen(mask)), mask, CAMERA)
     six = to_six(joined(inverse(pose), POSE))
     assert np.degrees(np.linalg.norm(six[:3])) < 0.3
     assert np.linalg.norm(pose[:2, 3] - POSE[:2, 3]) < 0.5
@@ -62,11 +70,9 @@ def test_the_pose_of_the_points(mask):
 def test_the_mask_passes_through_the_points(mask):
     rng = np.random.default_rng(0)
     points = seen(mask) + rng.normal(0, 1.0, (6, 2))
-    through, pose = mask_through(mask, HandPoints(0, points), CAMERA)
+    through, pose = mask_through(mask, marked(points), CAMERA)
     off = np.linalg.norm(seen(through, pose) - points, axis=1)
-    before = np.linalg.norm(
-        seen(mask, pose_by_hand(HandPoints(0, points), mask, CAMERA)) - points, axis=1
-    )
+    before = np.linalg.norm(seen(mask, pose_by_hand(marked(points), mask, CAMERA)) - points, axis=1)
     assert off.max() < 0.15 and before.max() > 0.5, "pixels"
     moved = np.linalg.norm(through.vertices - mask.vertices, axis=1)
     assert moved[152] < 0.5, "the chin is far from all six"
@@ -78,7 +84,7 @@ def test_points_of_something_else(mask):
     points = seen(mask)
     for wrong in (points[::-1], points[[0, 4, 2, 3, 1, 5]], points * [1, 3], np.zeros((6, 2))):
         with pytest.raises(CorpusError, match="do not lie on a face"):
-            pose_by_hand(HandPoints(0, np.array(wrong)), mask, CAMERA)
+            pose_by_hand(marked(np.array(wrong)), mask, CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -86,10 +92,11 @@ def test_points_of_something_else(mask):
     [
         ("", "no JSON"),
         ("[]", "must hold"),
+        ('{"points": {}}', "clip must be"),
         ('{"points": 3}', "must hold"),
-        ('{"frame": -1, "points": {}}', "whole number"),
-        ('{"frame": true, "points": {}}', "whole number"),
-        ('{"points": {}}', '"left eye, outer" must be two numbers'),
+        ('{"clip": "a", "frame": -1, "points": {}}', "whole number"),
+        ('{"clip": "a", "frame": true, "points": {}}', "whole number"),
+        ('{"clip": "a", "points": {}}', '"left eye, outer" must be two numbers'),
     ],
 )
 def test_what_is_no_file_of_points(tmp_path, text, says):
@@ -122,11 +129,11 @@ def test_points_rule_the_person(puppet_corpus, finder):
     finder.reset()
     landmarks = finder.find(picture).points
     points = np.stack([landmarks[list(ids), :2].mean(axis=0) for ids in MESH_POINTS.values()])
-    hand = HandPoints(0, points + [2.0, -1.0])
-    ruled = study_person([video], finder, hand=(video, hand))
+    hand = marked(points + [2.0, -1.0])
+    ruled = study_person([video], finder, hand=hand)
     _, pose = mask_through(plain.mask, hand, plain.camera)
-    off = np.linalg.norm(seen(ruled.mask, pose, ruled.camera) - hand.points, axis=1)
+    off = np.linalg.norm(seen(ruled.mask, pose, ruled.camera) - hand.array, axis=1)
     assert off.max() < 1.0
     assert ruled.frames == plain.frames + 1
     with pytest.raises(FaceError, match="has no frame 9999"):
-        study_person([video], finder, hand=(video, replace(hand, frame=9999)))
+        study_person([video], finder, hand=replace(hand, frame=9999))
