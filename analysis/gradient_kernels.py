@@ -8,8 +8,9 @@ turn w and shift v shows the picture
 
 so one row of the Jacobian is (X x g, g): it belongs to the mask and stays while the head moves
 (inverse compositional). Each region of the surface has a light of its own: a gain that changes
-evenly across and down and with the surface's slope, and an offset. They are solved for together
-with the motion.
+evenly across and down and with the surface's slope, and an offset. A picture that is blurred more,
+or less, than the texture differs from it by some of the texture's Laplacian, and that is a
+region's too. All are solved for together with the motion.
 """
 
 from __future__ import annotations
@@ -37,8 +38,15 @@ SPREAD: Final = 30.0
 BRIGHT: Final = 100.0
 """Grey values: what makes an offset as large as a gain."""
 
-LIGHTS: Final = 6
-"""Numbers that a region's light has: a gain, its four changes with place and slope, an offset."""
+PLACES: Final = 4
+"""Numbers that say where a point lies in its region and how it is turned."""
+
+BLUR: Final = 1 + PLACES
+"""Place of the blur among a region's numbers."""
+
+LIGHTS: Final = BLUR + 2
+"""Numbers that a region's light has: a gain, its changes with place and slope, a blur (what it
+adds of the texture's curvature), an offset."""
 
 RESIDUAL: Final = 6 + LIGHTS
 """Column of the residual behind those of motion and light."""
@@ -185,7 +193,7 @@ def _solve(matrix: Double, right: Double) -> bool:
 @njit(cache=True, nogil=True, forceinline=True)
 def _gain(light: Double, r: int, place: Single, i: int) -> float:
     gain: float = light[r, 0]
-    for k in range(LIGHTS - 2):
+    for k in range(PLACES):
         gain += light[r, 1 + k] * place[i, k]
     return gain
 
@@ -194,6 +202,7 @@ def _gain(light: Double, r: int, place: Single, i: int) -> float:
 def _residuals(
     values: Single,
     texture: Single,
+    curvature: Single,
     certainty: Single,
     region: Index,
     place: Single,
@@ -209,6 +218,7 @@ def _residuals(
         seen += 1
         r = region[i]
         shown = _gain(light, r, place, i) * texture[i] + light[r, LIGHTS - 1]
+        shown += light[r, BLUR] * curvature[i]
         residual[i] = (values[i] - shown) * certainty[i]
     return seen
 
@@ -243,6 +253,7 @@ def _sum_up(
     region: Index,
     place: Single,
     texture: Single,
+    curvature: Single,
     gradient: Single,
     certainty: Single,
     light: Double,
@@ -280,8 +291,9 @@ def _sum_up(
         row[0], row[1], row[2] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
         row[3], row[4], row[5] = gx, gy, gz
         row[6] = t
-        for k in range(LIGHTS - 2):
+        for k in range(PLACES):
             row[7 + k] = t * place[i, k]
+        row[6 + BLUR] = curvature[i]
         row[RESIDUAL - 1] = BRIGHT
         row[RESIDUAL] = e / c
         weight = robust * c * c
@@ -320,6 +332,7 @@ def fit_pose(
     region: Index,
     place: Single,
     texture: Single,
+    curvature: Single,
     gradient: Single,
     certainty: Single,
     light: Double,
@@ -338,13 +351,15 @@ def fit_pose(
         As for `sample_points`; the pose is changed.
     region : (n,) int64
         Region of each point.
-    place : (n, LIGHTS - 2) float32
+    place : (n, PLACES) float32
         What a point's light depends on, about -1 to 1 in its region.
-    texture, gradient : (n,), (n, 3) float32
+    texture, curvature, gradient : (n,), (n,), (n, 3) float32
+        Grey values, their Laplacian in the picture (pixels), and their gradient.
     certainty : (n,) float32
         One over the standard deviation of a point's grey value; 0 leaves the point out.
     light : (regions, LIGHTS) float64
-        Of each region: gain, its changes with place, and offset; the start, changed in place.
+        Of each region: gain, its changes with place, blur, and offset; the start, changed in
+        place.
     noise : float
         Least standard deviation of residuals, in units of `certainty`.
     steps : int
@@ -375,7 +390,7 @@ def fit_pose(
         certain += certainty[i] > 0
     for step in range(steps):
         sample_points(picture, camera, pose, points, values, none)
-        seen = _residuals(values, texture, certainty, region, place, light, residual)
+        seen = _residuals(values, texture, curvature, certainty, region, place, light, residual)
         if seen < 0.3 * certain or seen < LEAST_POINTS:
             return -1
         scale = max(_scale(residual, some), noise)
@@ -386,6 +401,7 @@ def fit_pose(
             region,
             place,
             texture,
+            curvature,
             gradient,
             certainty,
             light,

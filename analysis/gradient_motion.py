@@ -239,6 +239,7 @@ class GradientTracker:
                 texture.region,
                 texture.place,
                 texture.values,
+                texture.curvature,
                 texture.gradient,
                 texture.certainty,
                 lit,

@@ -90,10 +90,10 @@ class GradientSettings:
     """
 
     spacing: float = 1.3
-    least_spacing: float = 2.0
+    least_spacing: float = 1.8
     blur: float = 0.3
     steps: int = 10
-    enough: float = 0.01
+    enough: float = 0.03
     passes: int = 1
     key_angle: float = 20.0
     learnt_from: int = 50

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from analysis.gradient_kernels import LIGHTS, sample_points
+from analysis.gradient_kernels import BLUR, LIGHTS, sample_points
 from analysis.photometric import REGIONS, Surface
 from analysis.rigid import Matrix, angle, direction
 from database.mask import OUTER_EYE_CORNERS, Camera
@@ -110,6 +110,8 @@ class Texture:
         Of the surface's points that this level uses.
     values : (n,) float32
         Grey values.
+    curvature : (n,) float32
+        Their Laplacian in the picture: what a blur adds.
     gradient : (n, 3) float32
         Grey values a millimetre, along the mask's axes.
     certainty : (n,) float32
@@ -120,6 +122,7 @@ class Texture:
     region: npt.NDArray[np.int64]
     place: Single
     values: Single
+    curvature: Single
     gradient: Single
     certainty: Single
 
@@ -131,6 +134,7 @@ class Texture:
             np.ascontiguousarray(self.region[::THIN_STEP]),
             np.ascontiguousarray(self.place[::THIN_STEP]),
             np.ascontiguousarray(self.values[::THIN_STEP]),
+            np.ascontiguousarray(self.curvature[::THIN_STEP]),
             np.ascontiguousarray(self.gradient[::THIN_STEP]),
             np.ascontiguousarray(self.certainty[::THIN_STEP]),
         )
@@ -167,13 +171,15 @@ def view_of_frame(surface: Surface, shown: Levels, pose: Matrix, light: Matrix) 
     levels = []
     for (grey, camera), step in zip(shown, LEVEL_STEPS, strict=True):
         points, region, place = _thinned(surface, step)
-        values = np.empty(len(points), np.float32)
+        values, curvature = np.empty((2, len(points)), np.float32)
         gradient = np.zeros((len(points), 3), np.float32)
-        sample_points(grey, camera, np.ascontiguousarray(pose), points, values, gradient)
-        _relight(values, gradient, light, region, place)
+        _read((grey, camera), pose, points, values, curvature, gradient)
+        _relight(values, curvature, gradient, light, region, place)
         seen = ~np.isnan(values)
         certainty = np.where(seen, facing[::step], 0).astype(np.float32)
-        levels.append(Texture(points, region, place, np.nan_to_num(values), gradient, certainty))
+        known = np.nan_to_num(values)
+        bent = np.nan_to_num(curvature)
+        levels.append(Texture(points, region, place, known, bent, gradient, certainty))
     return KeyView(direction(pose), (levels[0], levels[1]))
 
 
@@ -212,13 +218,13 @@ def _mean_texture(
 ) -> Texture:
     """Robust mean of what frames show, in the same light, and how certain it is."""
     points, region, place = _thinned(surface, step)
-    values = np.empty((len(shown), len(points)), np.float32)
+    values, curvature = np.empty((2, len(shown), len(points)), np.float32)
     gradient = np.zeros((len(shown), len(points), 3), np.float32)
-    for f, ((grey, camera), pose) in enumerate(zip(shown, poses, strict=True)):
-        sample_points(grey, camera, np.ascontiguousarray(pose), points, values[f], gradient[f])
-        _relight(values[f], gradient[f], lights[f], region, place)
+    for f, (level, pose) in enumerate(zip(shown, poses, strict=True)):
+        _read(level, pose, points, values[f], curvature[f], gradient[f])
+        _relight(values[f], curvature[f], gradient[f], lights[f], region, place)
     seen = ~np.isnan(values)
-    values = np.where(seen, values, 0)
+    values, curvature = np.where(seen, values, 0), np.where(seen, curvature, 0)
     middle = np.median(values, axis=0)
     spread = np.maximum(1.4826 * np.median(np.abs(values - middle), axis=0), 1.0)
     weight = np.maximum(0, 1 - ((values - middle) / (4.685 * spread)) ** 2) ** 2 * seen
@@ -228,12 +234,14 @@ def _mean_texture(
     often = seen.mean(axis=0) > 0.5
     # A grey value is never surer than a step of the picture's own scale.
     certainty = np.where(often, facing / np.sqrt(1 + variance), 0)
+    bent = (weight * curvature).sum(axis=0) / total
     slope = np.einsum("fp,fpk->pk", weight, gradient) / total[:, None]
     return Texture(
         points,
         region,
         place,
         mean.astype(np.float32),
+        bent.astype(np.float32),
         np.ascontiguousarray(slope, np.float32),
         certainty.astype(np.float32),
     )
@@ -266,6 +274,7 @@ def texture_seen(views: Sequence[KeyView], pose: Matrix, level: int, reach: floa
         textures[0].region,
         textures[0].place,
         np.asarray(sum(s * t.values for s, t in zip(share, textures, strict=True))),
+        np.asarray(sum(s * t.curvature for s, t in zip(share, textures, strict=True))),
         np.asarray(sum(s[:, None] * t.gradient for s, t in zip(share, textures, strict=True))),
         np.asarray(sum(s * t.certainty for s, t in zip(share, textures, strict=True))),
     )
@@ -278,8 +287,25 @@ def plain_light() -> Matrix:
     return light
 
 
+def _read(
+    level: Level,
+    pose: Matrix,
+    points: Single,
+    values: Single,
+    curvature: Single,
+    gradient: Single,
+) -> None:
+    """Read grey values, their Laplacian and their gradient where the points are seen."""
+    grey, camera = level
+    at = np.ascontiguousarray(pose)
+    sample_points(grey, camera, at, points, values, gradient)
+    bend = np.asarray(cv2.Laplacian(grey, cv2.CV_32F), np.float32)
+    sample_points(bend, camera, at, points, curvature, np.empty((0, 3), np.float32))
+
+
 def _relight(
     values: Single,
+    curvature: Single,
     gradient: Single,
     light: Matrix,
     region: npt.NDArray[np.int64],
@@ -287,9 +313,10 @@ def _relight(
 ) -> None:
     """Take a frame's light off what it shows, in place."""
     lit = light[region].astype(np.float32)
-    gain = np.maximum(lit[:, 0] + (lit[:, 1:-1] * place).sum(axis=1), LEAST_GAIN)
-    values -= lit[:, -1]
+    gain = np.maximum(lit[:, 0] + (lit[:, 1:BLUR] * place).sum(axis=1), LEAST_GAIN)
+    values -= lit[:, -1] + lit[:, BLUR] * curvature
     values /= gain
+    curvature /= gain
     gradient /= gain[:, None]
 
 
