@@ -59,6 +59,10 @@ class TrackedFace:
         """Numbers of the frames without a face."""
         return sorted(set(range(self.frames)) - set(self.numbers.tolist()))
 
+    def by_points(self) -> list[int]:
+        """Numbers of the frames in which image gradients lost the face."""
+        return [int(number) for number in self.numbers[self.lost]]
+
 
 @dataclass(frozen=True)
 class AnalysedClip:

@@ -218,7 +218,11 @@ def write_shard(path: Path, clip: Clip, analysed: AnalysedClip, seconds: float) 
             "frames": face.frames,
             "units": len(face.numbers),
             "track": alignment.track.name,
-            "notes": [*_missing_frames(face.missing()), *alignment.notes],
+            "notes": [
+                *_noted("no face in {}; left out", face.missing()),
+                *_noted("head followed by feature points alone in {}", face.by_points()),
+                *alignment.notes,
+            ],
             "given": alignment.given,
             "seconds": seconds,
         },
@@ -276,15 +280,16 @@ def _files(clip: Clip) -> list[str]:
     return [str(path) for path in (clip.media, *clip.scripts)]
 
 
-def _missing_frames(missing: Sequence[int]) -> list[str]:
-    if not missing:
+def _noted(note: str, frames: Sequence[int]) -> list[str]:
+    """A note on some frames, if there are any."""
+    if not frames:
         return []
     spans: list[list[int]] = []
-    for i in missing:
+    for i in frames:
         if spans and i == spans[-1][1] + 1:
             spans[-1][1] = i
         else:
             spans.append([i, i])
     named = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in spans)
-    what = "frame" if len(missing) == 1 else "frames"
-    return [f"no face in {what} {named} (counted from 0); left out"]
+    what = "frame" if len(frames) == 1 else "frames"
+    return [note.format(f"{what} {named} (counted from 0)")]
