@@ -25,6 +25,7 @@ from database.schema import (
     CostModel,
     DatabaseContent,
     GuideModel,
+    PhoneMarks,
     Phones,
     Sequences,
     TextureModel,
@@ -77,7 +78,7 @@ def make_content(
     phonemes : sequence of str, optional
         Phonemes to speak; all but `LACKING` by default.
     guided : bool
-        With random sound and guides, and a stored document of settings.
+        With random sound, marks and guides, and a stored document of settings.
     names : sequence of str, optional
         Clip names; ``clip00`` and so on by default.
 
@@ -173,7 +174,7 @@ def make_content(
     if guided:
         sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
         guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
-        content = replace(content, sound=sound, guides=guides)
+        content = replace(content, sound=sound, guides=guides, marks=_marks(content.phones))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -184,6 +185,19 @@ def make_database(path: str | Path, *, codec: str = "png", **settings: Any) -> P
     if content.guides:
         store_selection(path, {"made_up": True})
     return Path(path)
+
+
+def _marks(phones: Phones) -> PhoneMarks:
+    """Mark the inner half of every closure and silence."""
+    marked = np.flatnonzero(np.isin(phones.phoneme, [SILENCE, *CLOSURES]))
+    start, length = phones.start[marked], (phones.end - phones.start)[marked]
+    return PhoneMarks(
+        marked.astype(np.int32),
+        start + length / 4,
+        start + 3 * length / 4,
+        np.ones(len(marked), np.uint8),
+        (marked % 2).astype(np.uint8),
+    )
 
 
 def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
