@@ -49,7 +49,7 @@ class Coverage:
     def phonemes(self) -> npt.NDArray[np.int64]:
         """Recordings of each phoneme, (43,)."""
         # The last phone before an end without silence is no diphone's first.
-        return np.maximum(self.diphones.sum(axis=1), self.diphones.sum(axis=0))
+        return np.asarray(np.maximum(self.diphones.sum(axis=1), self.diphones.sum(axis=0)))
 
     @property
     def visemes(self) -> npt.NDArray[np.int64]:
@@ -124,9 +124,7 @@ class Coverage:
             },
             **frames,
             "thin_visemes": self.thin_visemes(),
-            "missing_diphones": [
-                diphone_name(d) for d in missing[:NAMED] if wanted[d] >= COMMON
-            ],
+            "missing_diphones": [diphone_name(d) for d in missing[:NAMED] if wanted[d] >= COMMON],
         }
 
 
@@ -197,9 +195,7 @@ def what_to_record(coverage: Coverage, number: int) -> list[Advice]:
     return chosen
 
 
-def _worth(
-    have: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], english: English
-) -> float:
+def _worth(have: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], english: English) -> float:
     """What a sentence adds for each of its phones."""
 
     def filled(n: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

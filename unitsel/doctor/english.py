@@ -57,7 +57,8 @@ class English:
     @property
     def visemes(self) -> npt.NDArray[np.float64]:
         """Share of each viseme, silence left out, (22,) float64."""
-        return np.bincount(VISEME_OF, weights=self.phonemes, minlength=N_VISEMES)
+        counts = np.bincount(VISEME_OF, weights=self.phonemes, minlength=N_VISEMES)
+        return np.asarray(counts, dtype=np.float64)
 
 
 def read_sentences() -> tuple[str, ...]:

@@ -152,9 +152,7 @@ def look_at(clip: Clip, finder: FaceFinder, aligner: Aligner, common: _Common) -
 def _numbered(i: int, clip: Clip, common: _Common) -> tuple[int, ClipFacts]:
     cv2.setNumThreads(1)  # Clips run side by side; threads inside would fight.
     try:
-        return i, look_at(
-            clip, _finder(common.models), _aligner(common.dictionary), common
-        )
+        return i, look_at(clip, _finder(common.models), _aligner(common.dictionary), common)
     except Exception as error:  # One bad clip never ends the report.
         what = f"{clip.media}: unexpected {type(error).__name__}: {error}"
         return i, ClipFacts(clip.name, clip.media, error=what)

@@ -112,7 +112,9 @@ def _clip(database: UnitDatabase, s: int, notes: Sequence[str]) -> ClipFacts:
     pictures = database.pictures(chosen)
     return replace(
         facts,
-        mouth_pixels=float(np.median([measures.mouth_width(m) for m in database.landmarks(chosen)])),
+        mouth_pixels=float(
+            np.median([measures.mouth_width(m) for m in database.landmarks(chosen)])
+        ),
         sharpness=float(np.median([measures.sharpness(p) for p in pictures])),
         clipped=float(np.mean([measures.clipped_share(p) for p in pictures])),
         brightness=float(pictures.mean()),
