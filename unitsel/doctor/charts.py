@@ -1,4 +1,4 @@
-"""Small drawings of the page, as SVG: histograms, one dot a clip, the map of diphones."""
+"""Parts of the page: tables, pictures, and drawings as SVG (histograms, dots, diphones)."""
 
 from __future__ import annotations
 
@@ -27,6 +27,25 @@ def picture(data: bytes, alt: str) -> str:
         return ""
     code = base64.b64encode(data).decode("ascii")
     return f'<img alt="{escape(alt)}" src="data:image/jpeg;base64,{code}">'
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], text: Sequence[int] = ()) -> str:
+    """A table; the cells are HTML, the columns in `text` are set left and may wrap."""
+
+    def cell(tag: str, i: int, content: str) -> str:
+        if content.startswith("<td"):
+            return content
+        kind = ' class="text"' if i in text else ""
+        return f"<{tag}{kind}>{content}</{tag}>"
+
+    top = "".join(cell("th", i, h) for i, h in enumerate(head))
+    body = "".join(
+        f"<tr>{''.join(cell('td', i, c) for i, c in enumerate(row))}</tr>\n" for row in rows
+    )
+    return (
+        f'<div class="scroll"><table class="numbers"><thead><tr>{top}</tr></thead>\n'
+        f"<tbody>\n{body}</tbody></table></div>\n"
+    )
 
 
 def histogram(
@@ -115,14 +134,16 @@ def dots(
             f"<title>{escape(name)}: {value:{form}}</title></circle>"
         )
     good_top, good_bottom = y(min(high, top)), y(max(low, bottom))
+    most, least = f"{seen.max():{form}}", f"{seen.min():{form}}"
+    scale = f'<text class="right soft" x="54" y="{y(seen.max()) + 4:.1f}">{most}</text>'
+    if least != most:
+        under = max(y(seen.min()), y(seen.max()) + 12) + 4
+        scale += f'<text class="right soft" x="54" y="{under:.1f}">{least}</text>'
     return (
-        f'<svg class="dots" viewBox="0 0 {width:g} {head + height + 6:g}">'
+        f'<svg class="dots" viewBox="0 0 {width:g} {head + height + 8:g}">'
         f'<text class="left" x="0" y="13">{escape(title)}</text>'
         f'<rect class="range" x="60" y="{good_top:.1f}" width="{width - 60:g}" '
-        f'height="{max(good_bottom - good_top, 0):.1f}"/>'
-        f'<text class="right soft" x="54" y="{y(seen.max()) + 4:.1f}">{seen.max():{form}}</text>'
-        f'<text class="right soft" x="54" y="{max(y(seen.min()), y(seen.max()) + 12) + 4:.1f}">'
-        f"{seen.min():{form}}</text>{''.join(marks)}</svg>"
+        f'height="{max(good_bottom - good_top, 0):.1f}"/>{scale}{"".join(marks)}</svg>'
     )
 
 

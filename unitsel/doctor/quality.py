@@ -140,10 +140,10 @@ def expected_quality(
     own = np.flatnonzero(database.sequences.units > 0)
     if len(own) < FEWEST_SENTENCES:
         return f"{len(own)} clips are too few to test one against the others"
-    settings = default_settings(database)
-    kinds = [] if settings.target.guide is None else [settings.target.guide]
     held, learnt = own, 1.0
     try:
+        settings = default_settings(database)
+        kinds = [] if settings.target.guide is None else [settings.target.guide]
         evaluator = Evaluator(database, settings)
         if kinds:
             held = own[:: _held_back(database, len(own))]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import CorpusError
-from database.phonemes import N_VISEMES
+from database.phonemes import N_VISEMES, VISEMES
 from database.reader import open_database
 from unitsel.doctor.coverage import Advice, Coverage, what_to_record
 from unitsel.doctor.english import count_diphones, english
@@ -267,8 +267,9 @@ def _coverage_findings(report: DoctorReport) -> list[Finding]:
         Finding(
             tone,
             "coverage",
-            f"{share:.0%} of the diphones of English text are recorded ({c.viseme_share():.0%} of "
-            "the steps from viseme to viseme): any other text needs pictures from another context.",
+            f"Of the diphones of English text, by how often they come, {share:.0%} are recorded, "
+            f"and {c.viseme_share():.0%} of the steps from viseme to viseme: texts "
+            "unlike the recorded ones will often be made of pictures from another context.",
         )
         if tone != "good"
         else Finding(tone, "coverage", f"{share:.0%} of the diphones of English are recorded.")
@@ -277,6 +278,12 @@ def _coverage_findings(report: DoctorReport) -> list[Finding]:
         what = "phoneme is" if len(missing) == 1 else "phonemes are"
         named = ", ".join(missing)
         found.append(Finding("bad", "coverage", f"{len(missing)} {what} never spoken: {named}."))
+    scarce = [v for v in c.thin_visemes() if c.visemes[v] > 0]
+    if scarce:
+        named = "; ".join(" ".join(VISEMES[v]) for v in scarce)
+        found.append(
+            Finding("note", "coverage", f"Scarce against English are the visemes {named}.")
+        )
     return found
 
 
@@ -304,6 +311,12 @@ def _picture_findings(report: DoctorReport) -> list[Finding]:
                 "resolution for sharper synthesis.",
             )
         )
+    if len({c.size for c in seen}) > 1 or len({round(c.fps, 2) for c in seen}) > 1:
+        found.append(
+            Finding("note", "picture", "The clips are not all of one size and frame rate.")
+        )
+    if silent := sum(c.sound is None for c in seen) if not report.built else 0:
+        found.append(Finding("note", "picture", f"{silent} clips have no sound."))
     bad = len(report.faults)
     if bad:
         tone: Tone = "bad" if bad > 0.1 * len(seen) else "note"
