@@ -21,6 +21,11 @@ PALEST: Final = 0.18
 """Opacity of the rarest missing diphone."""
 
 
+def counted(n: int, noun: str) -> str:
+    """A number and its noun: ``1 clip``, ``2 clips``."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
 def picture(data: bytes, alt: str) -> str:
     """A JPEG inside the page; nothing where there is none."""
     if not data:

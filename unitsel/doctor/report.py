@@ -32,6 +32,9 @@ from unitsel.doctor.stored import database_facts
 ADVICE: Final = 25
 """Sentences that are recommended by default."""
 
+NAMED: Final = 6
+"""Visemes that a finding names."""
+
 Tone = Literal["good", "note", "bad"]
 
 
@@ -280,10 +283,9 @@ def _coverage_findings(report: DoctorReport) -> list[Finding]:
         found.append(Finding("bad", "coverage", f"{len(missing)} {what} never spoken: {named}."))
     scarce = [v for v in c.thin_visemes() if c.visemes[v] > 0]
     if scarce:
-        named = "; ".join(" ".join(VISEMES[v]) for v in scarce)
-        found.append(
-            Finding("note", "coverage", f"Scarce against English are the visemes {named}.")
-        )
+        named = "; ".join(" ".join(VISEMES[v]) for v in scarce[:NAMED])
+        more = f"; and {len(scarce) - NAMED} more" if len(scarce) > NAMED else ""
+        found.append(Finding("note", "coverage", f"Few recordings of the visemes {named}{more}."))
     return found
 
 
@@ -316,7 +318,7 @@ def _picture_findings(report: DoctorReport) -> list[Finding]:
             Finding("note", "picture", "The clips are not all of one size and frame rate.")
         )
     if silent := sum(c.sound is None for c in seen) if not report.built else 0:
-        found.append(Finding("note", "picture", f"{silent} clips have no sound."))
+        found.append(Finding("note", "picture", f"{silent} of {len(seen)} clips have no sound."))
     bad = len(report.faults)
     if bad:
         tone: Tone = "bad" if bad > 0.1 * len(seen) else "note"

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from database.phonemes import SILENCE, VISEME_OF, VISEMES
-from unitsel.doctor.charts import diphone_map, dots, histogram, picture, table
+from unitsel.doctor.charts import counted, diphone_map, dots, histogram, picture, table
 from unitsel.doctor.coverage import COMMON, ENOUGH, diphone_name
 from unitsel.doctor.facts import AXES, ClipFacts
 from unitsel.doctor.report import DoctorReport
@@ -200,8 +200,8 @@ def rejected_section(report: DoctorReport) -> str:
             frames = _spans(r.frames)
             if len(figures) < SHOWN and r.picture:
                 figures.append(
-                    f"<figure>{picture(r.picture, c.name)}<b>{escape(c.name)}</b>, frames "
-                    f"{frames}<br>{escape(r.reason)}</figure>"
+                    f"<figure>{picture(r.picture, c.name)}<b>{escape(c.name)}</b>, "
+                    f"frame{'s' * (len(r.frames) > 1)} {frames}<br>{escape(r.reason)}</figure>"
                 )
             else:
                 rest.append((escape(c.name), frames, escape(r.reason)))
@@ -215,8 +215,8 @@ def rejected_section(report: DoctorReport) -> str:
         "may follow."
     )
     return (
-        f"{head}<p>{len(report.skipped)} clips cannot be used, and {report.rejected_frames} frames "
-        f"of others. {note} Frames count from 0.</p>\n"
+        f"{head}<p>Not usable: {counted(len(report.skipped), 'clip')}, and "
+        f"{counted(report.rejected_frames, 'frame')} of others. {note} Frames count from 0.</p>\n"
         + (f'<div class="thumbs">{"".join(figures)}</div>\n' if figures else "")
         + (table(("clip", "frames", "reason"), rest, (0, 1, 2)) if rest else "")
     )
@@ -262,12 +262,12 @@ def alignment_section(report: DoctorReport) -> str:
         "phonemes in all other clips; a low one means wrong words, wrong times, or footage out of "
         "step."
         if pairs
-        else "How well the lips follow the phones is known only once a database is built."
+        else "How well the lips follow the phones is known only of databases of 30 clips and more."
     )
     return (
         f"{head}<p>{first} of {len(known)} clips were aligned at the first attempt or had their "
         f"phones given; {short:.0%} of the phones are as short as the aligner makes them (30 ms). "
-        f"{len(rows)} clips are doubtful.</p>\n{drawn}"
+        f"{counted(len(rows), 'clip')} in doubt.</p>\n{drawn}"
         + (table(("clip", "words", "doubt"), rows, (0, 1, 2)) if rows else "")
         + f'<p class="soft">{how}</p>\n'
     )

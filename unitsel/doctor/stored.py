@@ -25,6 +25,9 @@ SAMPLED: Final = 8
 THUMBNAILS: Final = 24
 """Clips whose rejected frames are shown."""
 
+FEWEST_CLIPS: Final = 30
+"""Clips from which on the mean mouth of a phoneme is known well enough to doubt one of them."""
+
 _LAG: Final = re.compile(r"lips move ([\d.]+) s (earlier|later)")
 _NO_FACE: Final = "no face in frame"
 _ATTEMPT: Final = re.compile(r"aligned at attempt (\d+)")
@@ -44,10 +47,12 @@ def database_facts(database: UnitDatabase, tell: Tell) -> list[ClipFacts]:
     notes: dict[str, list[str]] = defaultdict(list)
     for entry in database.report.get("repaired", ()):
         notes[str(entry.get("clip"))].append(str(entry.get("note")))
-    values = np.column_stack([units.mouth_height, units.pca[:, 0]])
-    agreements = measures.lip_agreements(
-        values, units.phoneme, units.sequence, len(sequences), database.fps
-    )
+    agreements: list[float | None] = [None] * len(sequences)
+    if len(sequences) >= FEWEST_CLIPS:
+        values = np.column_stack([units.mouth_height, units.pca[:, 0]])
+        agreements = measures.lip_agreements(
+            values, units.phoneme, units.sequence, len(sequences), database.fps
+        )
     clips = []
     shown = 0
     for s in range(len(sequences)):
