@@ -46,6 +46,14 @@ def test_sentences_are_many_distinct_and_pronounceable() -> None:
     assert Lexicon.default().missing(words) == []
 
 
+def test_a_lexicon_lists_its_words() -> None:
+    own = Lexicon({"Zwick": [("z", "w", "ih", "k")], "ab": [("ae", "b")]})
+    assert own.words() == ["ab", "zwick"]
+    words = Lexicon.default().words()
+    assert words == sorted(words) and len(words) > 100_000
+    assert own.missing(own.words()) == [] == Lexicon.default().missing(words[::5000])
+
+
 def test_english_has_every_phoneme_in_a_sensible_order() -> None:
     found = english()
     assert found.diphones.sum() == pytest.approx(1)
