@@ -22,7 +22,7 @@ from analysis.face import FaceFinder
 from analysis.g2p import speaking_lexicon
 from analysis.models import FaceModels, find_models
 from analysis.motion import estimate_poses
-from analysis.person import find_person
+from analysis.person import study_person
 from database.errors import CorpusError, FaceError, MediaError, UnitselError
 from database.mask import Camera, Mask
 from database.media import MediaInfo, VideoFrame, probe, read_video
@@ -99,7 +99,8 @@ def corpus_facts(
     own = None if dictionary is None else Path(dictionary).absolute()
     tell("finding the person", 0, 1)
     try:
-        person = find_person([c.media for c in clips], FaceFinder(face_models))
+        studied = study_person([c.media for c in clips], FaceFinder(face_models))
+        person = studied.mask, studied.camera
     except FaceError:
         person = None  # Told clip by clip.
     tell("finding the person", 1, 1)
