@@ -11,6 +11,7 @@ import numpy.typing as npt
 from analysis.cost_model import fit_cost_model
 from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
+from analysis.phone_marks import SpokenClip, mark_phones
 from analysis.shards import Shard, read_shard
 from analysis.texture import (
     TextureSettings,
@@ -131,6 +132,12 @@ def assemble(
         start=np.concatenate([t.boundaries[:-1] for t in tracks]),
         end=np.concatenate([t.boundaries[1:] for t in tracks]),
     )
+    spoken = [
+        SpokenClip((numbers + 0.5) / fps, opening, heard)
+        for numbers, opening, heard in zip(
+            frames, np.split(units.inner_opening, first[1:]), sound, strict=True
+        )
+    ]
     parameters = np.split(mouth_parameters(units), first[1:])
     learnt = [
         GuideClip(track, (numbers + 0.5) / fps, mouths, heard)
@@ -149,6 +156,7 @@ def assemble(
         camera=camera,
         texture=model,
         costs=fit_cost_model(units, context, model.eigenvalues, fps),
+        marks=mark_phones(phones, spoken),
         sound=sound,
         guides=fit_guides(learnt, guide, jobs, tell),
         settings=settings,

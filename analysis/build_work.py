@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from analysis.assemble import assemble
@@ -16,6 +16,7 @@ from analysis.estimate import Estimate, estimate_build, size_text
 from analysis.face import FaceFinder
 from analysis.identity import circumstances
 from analysis.models import FaceModels
+from analysis.reference import to_stored
 from analysis.shard_store import ShardStore
 from analysis.shards import Refusal, Shard, read_shard
 from database.errors import CorpusError, UnitselError
@@ -194,6 +195,7 @@ class Work:
             skipped=self.skipped,
             tell=self._tell,
         )
+        content = replace(content, rigid=to_stored(self._person.reference))
         write_database(
             self._target,
             content,

@@ -15,10 +15,10 @@ from analysis.align import Aligner
 from analysis.alignment import Alignment
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
-from analysis.gradient_motion import Reference
 from analysis.head_motion import HeadFollower
 from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
 from analysis.motion import MotionSettings
+from analysis.reference import Reference
 from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop

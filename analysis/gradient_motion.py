@@ -24,6 +24,7 @@ import numpy.typing as npt
 from analysis.gradient_kernels import fit_pose
 from analysis.motion import GradientSettings
 from analysis.photometric import Surface, rigid_surface
+from analysis.reference import Reference
 from analysis.rigid import Matrix, angle, direction, joined, most_usual, usual_step
 from analysis.surface_texture import (
     KeyView,
@@ -66,18 +67,6 @@ class Followed:
     poses: Matrix
     lost: npt.NDArray[np.bool_]
     likeness: Single
-
-
-@dataclass(frozen=True)
-class Reference:
-    """A person's rigid surface as key views show it: where the mask sits on the face.
-
-    Parameters
-    ----------
-    views : tuple of KeyView
-    """
-
-    views: tuple[KeyView, ...]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from analysis.gradient_motion import FacePicture, GradientTracker, Reference
+from analysis.gradient_motion import FacePicture, GradientTracker
 from analysis.motion import MotionSettings, estimate_poses
+from analysis.reference import Reference
 from analysis.surface_texture import face_picture
 from database.errors import FaceError
 from database.mask import Camera, Mask, Poses

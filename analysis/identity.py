@@ -34,8 +34,8 @@ FITTED_LATER: Final = ("texture", "lag", "guide")
 RUN_LATER: Final = frozenset(
     (
         *("assemble.py", "build.py", "build_lock.py", "build_work.py", "cost_model.py"),
-        *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phoneme_distance.py"),
-        *("shard_store.py",),
+        *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
+        *("phoneme_distance.py", "shard_store.py"),
     )
 )
 """Modules of this folder whose code no clip goes through."""

@@ -14,9 +14,10 @@ import numpy.typing as npt
 from analysis.calibration import FEWEST_FRAMES
 from analysis.calibration import estimate_focal as focal_of
 from analysis.face import FaceFinder
-from analysis.gradient_motion import FacePicture, GradientTracker, Reference
+from analysis.gradient_motion import FacePicture, GradientTracker
 from analysis.hand_points import HandPoints, mask_through
 from analysis.motion import CropSettings, MotionSettings, average_mask, estimate_poses
+from analysis.reference import Reference
 from analysis.rigid import Matrix
 from analysis.surface_texture import face_picture
 from database.errors import FaceError, UnitselError

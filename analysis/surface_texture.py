@@ -19,14 +19,15 @@ from analysis.gradient_kernels import BLUR, LIGHTS, sample_points
 from analysis.photometric import REGIONS, Surface
 from analysis.rigid import Matrix, angle, direction
 from database.mask import OUTER_EYE_CORNERS, Camera
+from database.schema import RIGID_COARSE
 
 Single = npt.NDArray[np.float32]
 
 WORKING_EYES: Final = 110.0
 """Pixels between the outer eye corners that pictures are reduced to, where they have more."""
 
-LEVEL_STEPS: Final = (1, 5)
-"""Of the surface's points every one at full size, every fifth at half."""
+LEVEL_STEPS: Final = (1, RIGID_COARSE)
+"""Of the surface's points every one at full size, every so many at half."""
 
 THIN_STEP: Final = 3
 """Of the points at full size, every so many will do for a first alignment."""

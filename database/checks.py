@@ -14,12 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from database.mask import Camera, Mask
-from database.phonemes import N_PHONEMES, VISEME_OF
+from database.phonemes import CLOSURES, N_PHONEMES, SILENCE, VISEME_OF
 from database.schema import (
+    RIGID_COARSE,
+    RIGID_REGIONS,
     CostModel,
     Field,
     GuideModel,
+    PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -164,6 +168,22 @@ def check_phones(phones: Phones, n_sequences: int) -> None:
         )
 
 
+def check_marks(marks: PhoneMarks, phones: Phones) -> None:
+    """Check that marks are of p, b, m and silences, one a phone, in order, none backwards."""
+    _check_finite_fields("marks", marks)
+    _check_below("marks/phone", marks.phone, len(phones.phoneme))
+    if (np.diff(marks.phone) <= 0).any():
+        raise ValueError("marks/phone must ascend")
+    if not np.isin(phones.phoneme[marks.phone], [SILENCE, *CLOSURES]).all():
+        raise ValueError("marks/phone names a phone that is neither p, b, m nor silence")
+    if (marks.start < 0).any() or (marks.end <= marks.start).any():
+        raise ValueError("marks/end must be after marks/start, and that not below 0")
+    for name in ("sound", "lips"):
+        _check_below(f"marks/{name}", getattr(marks, name), 2)
+    if not (marks.sound | marks.lips).all():
+        raise ValueError("marks/sound and marks/lips: a mark that neither shows")
+
+
 def check_mask(mask: Mask, camera: Camera) -> None:
     """Check the mask, its patch and the camera."""
     check_finite("mask/vertices", mask.vertices)
@@ -195,6 +215,19 @@ def check_costs(costs: CostModel) -> None:
         raise ValueError("costs/feature_scales holds a negative scale")
     if costs.target_scale <= 0 or costs.visual_scale <= 0:
         raise ValueError("costs/target_scale and costs/visual_scale must be positive")
+
+
+def check_rigid(rigid: RigidTexture) -> None:
+    """Check the rigid surface's look: regions that exist, a half size that fits the full one."""
+    _check_finite_fields("rigid", rigid)
+    if (rigid.region >= RIGID_REGIONS).any():
+        raise ValueError(f"rigid/region names one beyond the {RIGID_REGIONS} regions")
+    if rigid.coarse_values.shape[1] != -(-len(rigid.points) // RIGID_COARSE):
+        raise ValueError(f"rigid/coarse_values must hold every {RIGID_COARSE}th point")
+    if not len(rigid.direction):
+        raise ValueError("rigid/direction must hold a view")
+    if (rigid.certainty < 0).any() or (rigid.coarse_certainty < 0).any():
+        raise ValueError("rigid/certainty and rigid/coarse_certainty must not be negative")
 
 
 def check_guide(kind: str, guide: GuideModel) -> None:

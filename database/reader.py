@@ -27,7 +27,9 @@ from database.schema import (
     GUIDES,
     CostModel,
     GuideModel,
+    PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -164,6 +166,16 @@ class UnitDatabase:
             return part
 
     @cached_property
+    def marks(self) -> PhoneMarks:
+        """Closures and rests that were found in sound and lips; none in an older database."""
+        with reading(self.path):
+            if "marks" not in self._file:
+                return PhoneMarks.none()
+            part = PhoneMarks(**self._group("marks", PhoneMarks))
+            checks.check_marks(part, self.phones)
+            return part
+
+    @cached_property
     def mask(self) -> Mask:
         """The person's mask."""
         with reading(self.path):
@@ -197,6 +209,16 @@ class UnitDatabase:
                 values[name] = float(values[name][0])
             part = CostModel(**values)
             checks.check_costs(part)
+            return part
+
+    @cached_property
+    def rigid(self) -> RigidTexture | None:
+        """What the person's rigid surface looks like; None where the build did not keep it."""
+        with reading(self.path):
+            if "rigid" not in self._file:
+                return None
+            part = RigidTexture(**self._group("rigid", RigidTexture))
+            checks.check_rigid(part)
             return part
 
     @cached_property

@@ -83,6 +83,38 @@ def _guide_fields(kind: str) -> tuple[Field, ...]:
     )
 
 
+RIGID_REGIONS: Final = 4
+"""Regions of a face's rigid surface; see analysis/photometric.py."""
+
+RIGID_COARSE: Final = 5
+"""Of the rigid surface's points every so many have a texture at half the size, too."""
+
+
+def _rigid_fields() -> tuple[Field, ...]:
+    """Fields of what the rigid surface looks like, at full size (R points) and half (Q)."""
+    looks = tuple(
+        row
+        for prefix, n, size in (("", "R", "full"), ("coarse_", "Q", "half"))
+        for row in (
+            (f"{prefix}values", "float32", ("V", n), "1", f"grey values at {size} size"),
+            (f"{prefix}curvature", "float32", ("V", n), "1", "their Laplacian in the picture"),
+            (f"{prefix}gradient", "float32", ("V", n, 3), "1/mm", "their gradient, mask frame"),
+            (f"{prefix}certainty", "float32", ("V", n), "1", "1 / standard deviation; 0: unseen"),
+        )
+    )
+    described = (
+        ("points", "float32", ("R", 3), "mm", "points of the surface, mask frame"),
+        ("region", "uint8", ("R",), "index", "region of each (analysis/photometric.py)"),
+        ("place", "float32", ("R", 4), "1", "where in its region it lies and how it is turned"),
+        ("direction", "float64", ("V", 3), "1", "of each of V views, from the mask's centre"),
+        *looks,
+    )
+    return tuple(
+        Field(f"rigid/{name}", dtype, shape, unit, meaning, optional=True)
+        for name, dtype, shape, unit, meaning in described
+    )
+
+
 # fmt: off
 FIELDS: Final[tuple[Field, ...]] = (
     Field("pictures/data", "uint8", ("N", "padded"), "bytes",
@@ -120,6 +152,13 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("phones/phoneme", "uint8", ("P",), "index", "phoneme (Table 1)"),
     Field("phones/start", "float64", ("P",), "s", "start, in the clip's time"),
     Field("phones/end", "float64", ("P",), "s", "end, in the clip's time"),
+    Field("marks/phone", "int32", ("M",), "index",
+          "phone of each mark: p, b or m whose closure was found, or a silence in which mouth and "
+          "voice rest (analysis/phone_marks.py)", optional=True),
+    Field("marks/start", "float64", ("M",), "s", "start, in the clip's time", optional=True),
+    Field("marks/end", "float64", ("M",), "s", "end, in the clip's time", optional=True),
+    Field("marks/sound", "uint8", ("M",), "0 or 1", "whether the sound shows it", optional=True),
+    Field("marks/lips", "uint8", ("M",), "0 or 1", "whether the lips show it", optional=True),
     Field("mask/vertices", "float32", (468, 3), "mm", "face mesh of the person, mask frame"),
     Field("mask/grid", "float32", ("rows", "columns", 3), "mm",
           "surface around the mouth, mask frame (database/mask.py)"),
@@ -151,6 +190,7 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("sound/steps", "int32", ("S",), "count",
           "steps of each sequence's sound, 100 a second; 0 without sound", optional=True),
     *(f for kind in GUIDES for f in _guide_fields(kind)),
+    *_rigid_fields(),
 )
 # fmt: on
 """All datasets."""
@@ -236,6 +276,27 @@ class Phones:
 
 
 @dataclass(frozen=True)
+class PhoneMarks:
+    """The M closures and rests found in sound and lips, at time resolution; see `FIELDS`."""
+
+    phone: npt.NDArray[np.int32]
+    start: npt.NDArray[np.float64]
+    end: npt.NDArray[np.float64]
+    sound: npt.NDArray[np.uint8]
+    lips: npt.NDArray[np.uint8]
+
+    @classmethod
+    def none(cls) -> PhoneMarks:
+        """No marks."""
+        nowhere = np.zeros(0)
+        nothing = np.zeros(0, np.uint8)
+        return cls(np.zeros(0, np.int32), nowhere, nowhere, nothing, nothing)
+
+    def __len__(self) -> int:
+        return len(self.phone)
+
+
+@dataclass(frozen=True)
 class TextureModel:
     """PCA of the normalised crops and the lighting they are normalised to; see `FIELDS`."""
 
@@ -272,6 +333,24 @@ class GuideModel:
 
 
 @dataclass(frozen=True)
+class RigidTexture:
+    """What the person's rigid surface looks like: where the mask sits on a face; see `FIELDS`."""
+
+    points: F32
+    region: npt.NDArray[np.uint8]
+    place: F32
+    direction: npt.NDArray[np.float64]
+    values: F32
+    curvature: F32
+    gradient: F32
+    certainty: F32
+    coarse_values: F32
+    coarse_curvature: F32
+    coarse_gradient: F32
+    coarse_certainty: F32
+
+
+@dataclass(frozen=True)
 class DatabaseContent:
     """All of a database but its pictures and landmarks, which come unit by unit."""
 
@@ -283,7 +362,9 @@ class DatabaseContent:
     camera: Camera
     texture: TextureModel
     costs: CostModel
+    marks: PhoneMarks = field(default_factory=PhoneMarks.none)
     sound: tuple[npt.NDArray[np.float16], ...] = ()
     guides: dict[str, GuideModel] = field(default_factory=dict)
+    rigid: RigidTexture | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)

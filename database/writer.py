@@ -31,7 +31,9 @@ from database.schema import (
     DatabaseContent,
     Field,
     GuideModel,
+    PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -180,11 +182,15 @@ def _prepare(
     for name in ("costs/target_scale", "costs/visual_scale"):
         values[name] = [values[name]]
     patch, camera = content.mask.patch, content.camera
+    if len(content.marks):
+        values |= {f"marks/{f.name}": getattr(content.marks, f.name) for f in fields(PhoneMarks)}
     if any(len(s) for s in content.sound):
         values["sound/features"] = np.concatenate(content.sound)
         values["sound/steps"] = [len(s) for s in content.sound]
     for kind, guide in content.guides.items():
         values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
+    if content.rigid is not None:
+        values |= {f"rigid/{f.name}": getattr(content.rigid, f.name) for f in fields(RigidTexture)}
     values["mask/vertices"] = content.mask.vertices
     values["mask/grid"] = patch.grid
     values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
@@ -208,12 +214,17 @@ def _prepare(
     checks.check_fps(content.fps)
     checks.check_sequences(sequences, sizes["N"])
     checks.check_units(stored("units", Units), sequences)
-    checks.check_phones(stored("phones", Phones), sizes["S"])
+    phones = stored("phones", Phones)
+    checks.check_phones(phones, sizes["S"])
+    if "marks/phone" in arrays:
+        checks.check_marks(stored("marks", PhoneMarks), phones)
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))
     if "sound/steps" in arrays:
         checks.check_sound(arrays["sound/steps"], sizes["F"])
+    if "rigid/points" in arrays:
+        checks.check_rigid(stored("rigid", RigidTexture))
     for kind in content.guides:
         if kind not in GUIDES:
             raise ValueError(f"there is no guide {kind!r}, only {', '.join(GUIDES)}")

@@ -22,10 +22,14 @@ from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
 from database.schema import (
     GUIDES,
+    RIGID_COARSE,
+    RIGID_REGIONS,
     CostModel,
     DatabaseContent,
     GuideModel,
+    PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -77,7 +81,7 @@ def make_content(
     phonemes : sequence of str, optional
         Phonemes to speak; all but `LACKING` by default.
     guided : bool
-        With random sound and guides, and a stored document of settings.
+        With random sound, marks and guides, and a stored document of settings.
     names : sequence of str, optional
         Clip names; ``clip00`` and so on by default.
 
@@ -173,7 +177,8 @@ def make_content(
     if guided:
         sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
         guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
-        content = replace(content, sound=sound, guides=guides)
+        content = replace(content, sound=sound, guides=guides, marks=_marks(content.phones))
+        content = replace(content, rigid=_rigid(rng))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -184,6 +189,33 @@ def make_database(path: str | Path, *, codec: str = "png", **settings: Any) -> P
     if content.guides:
         store_selection(path, {"made_up": True})
     return Path(path)
+
+
+def _marks(phones: Phones) -> PhoneMarks:
+    """Mark the inner half of every closure and silence."""
+    marked = np.flatnonzero(np.isin(phones.phoneme, [SILENCE, *CLOSURES]))
+    start, length = phones.start[marked], (phones.end - phones.start)[marked]
+    return PhoneMarks(
+        marked.astype(np.int32),
+        start + length / 4,
+        start + 3 * length / 4,
+        np.ones(len(marked), np.uint8),
+        (marked % 2).astype(np.uint8),
+    )
+
+
+def _rigid(rng: np.random.Generator, points: int = 12, views: int = 2) -> RigidTexture:
+    """A random surface; a real one takes footage (tests/test_gradient_motion.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return np.abs(rng.normal(size=shape)).astype(np.float32)
+
+    coarse = -(-points // RIGID_COARSE)
+    looks = [some(views, n, *more) for n in (points, coarse) for more in ((), (), (3,), ())]
+    region = np.arange(points, dtype=np.uint8) % RIGID_REGIONS
+    return RigidTexture(
+        some(points, 3), region, some(points, 4), some(views, 3).astype(np.float64), *looks
+    )
 
 
 def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:

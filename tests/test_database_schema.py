@@ -14,6 +14,7 @@ from database.schema import (
     CostModel,
     GuideModel,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -95,6 +96,7 @@ def test_metadata_is_of_a_format_with_checksums(small_db):
         ("costs", CostModel, set()),
         ("guide_phonemes", GuideModel, set()),
         ("guide_sound", GuideModel, set()),
+        ("rigid", RigidTexture, set()),
     ],
 )
 def test_dataclasses_name_the_fields_of_their_group(group, kind, apart):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -15,11 +16,14 @@ from analysis.head_motion import HeadFollower
 from analysis.motion import GradientSettings, MotionSettings, estimate_poses, make_mask
 from analysis.person import study_person
 from analysis.photometric import REGIONS, rigid_surface
+from analysis.reference import from_stored, to_stored
 from analysis.rigid import from_six, inverse, joined, to_six, usual_step
 from analysis.surface_texture import face_picture
+from database.checks import check_rigid
 from database.errors import CorpusError
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, project
 from database.media import read_video
+from database.schema import RIGID_REGIONS
 
 N = 14
 
@@ -243,6 +247,29 @@ def test_the_reference_puts_two_clips_on_the_same_place(scene):
     assert apart["reference"] < 0.2 * pixel
 
 
+def test_a_reference_comes_back_from_the_database(scene, filmed):
+    _, film, landmarks = filmed
+    starts, good = scene.starts(landmarks)
+    tracker = scene.tracker()
+    tracker.follow(scene.pictures(film, landmarks), starts, good)
+    stored = to_stored(tracker.reference)
+    check_rigid(stored)
+    assert len(REGIONS) == RIGID_REGIONS
+    again = from_stored(stored)
+    for was, now in zip(tracker.reference.views, again.views, strict=True):
+        np.testing.assert_array_equal(was.direction, now.direction)
+        for one, other in zip(was.levels, now.levels, strict=True):
+            for field in fields(one):
+                value = getattr(one, field.name)
+                np.testing.assert_array_equal(value, getattr(other, field.name))
+                assert value.dtype == getattr(other, field.name).dtype
+    assert to_stored(None) is None and from_stored(None) is None
+    with pytest.raises(ValueError, match="regions"):
+        check_rigid(replace(stored, region=stored.region + 4))
+    with pytest.raises(ValueError, match="5th point"):
+        check_rigid(replace(stored, points=stored.points[:-6]))
+
+
 def test_a_head_that_turns_far_gets_more_views(scene):
     t = np.linspace(-1, 1, 15)
     truth = np.stack(
@@ -335,6 +362,9 @@ def test_a_clip_is_tracked_by_either_method(puppet_corpus, finder):
     np.testing.assert_array_equal(tracked.numbers, by_points.numbers)
     assert not tracked.lost.any() and not by_points.lost.any()
     assert not np.array_equal(tracked.poses.translations, by_points.poses.translations)
+    assert by_points.by_points() == []
+    some = replace(tracked, lost=np.arange(len(tracked.numbers)) < 2)
+    assert some.by_points() == tracked.numbers[:2].tolist()
     known = {0: tracked.poses.matrix(0)}
     known[0][0, 3] += 2.0
     told = track_face(video, person.mask, person.camera, finder, known=known)

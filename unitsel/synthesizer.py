@@ -15,6 +15,7 @@ import numpy.typing as npt
 from analysis.clip import sha256_of, track_face
 from analysis.face import FaceFinder
 from analysis.models import find_models
+from analysis.reference import from_stored
 from database.errors import MediaError, RenderError
 from database.mask import Poses, cut_crop
 from database.media import probe, snap_rate
@@ -168,7 +169,9 @@ class Synthesizer:
         if progress is not None:
             progress("tracking the background", 0, 1)
         db = self.database
-        face = track_face(path, db.mask, db.camera, FaceFinder(find_models(self._models)))
+        finder = FaceFinder(find_models(self._models))
+        reference = from_stored(db.rigid)
+        face = track_face(path, db.mask, db.camera, finder, reference=reference)
         if progress is not None:
             progress("tracking the background", 1, 1)
         return Background.from_tracked(path, probe(path).fps, face.numbers, face.poses)

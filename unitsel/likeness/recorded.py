@@ -12,6 +12,7 @@ from analysis.clip import analyse_clip
 from analysis.corpus import Clip
 from analysis.face import FaceFinder
 from analysis.lips import mesh_mouth_height
+from analysis.reference import from_stored
 from analysis.texture import describe_clip
 from database.reader import UnitDatabase
 from database.track import PhonemeTrack
@@ -63,7 +64,15 @@ def analysed_target(
     UnitselError
         Of the kind that says what is wrong with the clip.
     """
-    analysed = analyse_clip(clip, database.mask, database.camera, finder, aligner, fps=database.fps)
+    analysed = analyse_clip(
+        clip,
+        database.mask,
+        database.camera,
+        finder,
+        aligner,
+        fps=database.fps,
+        reference=from_stored(database.rigid),
+    )
     return Target(
         clip.name,
         analysed.alignment.text,
