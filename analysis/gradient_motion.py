@@ -59,7 +59,8 @@ class Followed:
     ----------
     poses : (n, 3, 4) float64
     lost : (n,) bool
-        Where gradients did not find the face: the pose is the feature points'.
+        Where gradients did not find the face: the pose is the feature points', moved on the face
+        as those of the other frames are.
     likeness : (n,) float32
         Correlation of the frame with the texture at its pose.
     """
@@ -160,6 +161,12 @@ class GradientTracker:
             done = self._anchored(done, shown, starts, trusted, given)
         lost = np.array([not fit.found for fit in done])
         poses = np.where(lost[:, None, None], starts, np.stack([fit.pose for fit in done]))
+        both = trusted & ~lost
+        if both.any():
+            # Feature points put the mask elsewhere on the face; frames beside would jump.
+            step = usual_step(starts[both], poses[both])
+            for i in np.flatnonzero(lost & trusted):
+                poses[i] = joined(starts[i], step)
         return Followed(poses, lost, np.array([fit.likeness for fit in done], np.float32))
 
     def _sampled(self, pictures: Sequence[FacePicture], poses: Matrix) -> Surface:

@@ -193,8 +193,11 @@ def test_a_hidden_face_is_said_to_be_lost_and_found_again(scene, filmed):
     pictures = scene.pictures(hidden, landmarks)
     followed = scene.tracker().follow(pictures, starts, good, {0: truth[0]})
     np.testing.assert_array_equal(np.flatnonzero(followed.lost), [6, 7])
-    np.testing.assert_array_equal(followed.poses[6:8], starts[6:8])
     seen = ~followed.lost
+    # The points' pose, put on the face as the rest is.
+    step = usual_step(starts[seen], followed.poses[seen])
+    for i in (6, 7):
+        np.testing.assert_allclose(followed.poses[i], joined(starts[i], step))
     assert np.median(scene.errors(followed.poses, truth)[seen, 0]) < 0.4
 
 
@@ -207,7 +210,8 @@ def test_a_texture_that_agrees_elsewhere_is_not_believed(scene, filmed):
     away[5, 0, 3] += 0.2 * eyes * away[5, 2, 3] / scene.camera.focal
     followed = scene.tracker().follow(scene.pictures(film, landmarks), away, good)
     assert followed.lost[5] and followed.lost.sum() == 1
-    np.testing.assert_array_equal(followed.poses[5], away[5])
+    step = usual_step(np.delete(away, 5, 0), np.delete(followed.poses, 5, 0))
+    np.testing.assert_allclose(followed.poses[5], joined(away[5], step))
 
 
 def test_without_points_the_frame_beside_is_the_start(scene, filmed):
