@@ -41,7 +41,7 @@ from database.errors import CorpusError, DatabaseError, UnitselError
 from database.lexicon import Lexicon
 from database.mask import Camera, Mask
 from database.media import probe
-from database.pictures import find_codec
+from database.pictures import DEFAULT_CODEC, find_codec
 from database.writer import write_database
 
 Progress = Callable[[str, int, int], None]
@@ -60,13 +60,13 @@ class BuildSettings:
     focal : float, optional
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
-        Codec of the stored pictures.
+        Codec of the stored pictures (`database.pictures.find_codec`).
     face, motion, crop, texture, align, lag, guide
         Settings of the steps.
     """
 
     focal: float | None = None
-    codec: str = "png"
+    codec: str = DEFAULT_CODEC
     face: FaceSettings = field(default_factory=FaceSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     crop: CropSettings = field(default_factory=CropSettings)

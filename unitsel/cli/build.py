@@ -6,7 +6,8 @@ import argparse
 import os
 
 from analysis.build import BuildReport, BuildSettings, build_database
-from database.pictures import CODECS
+from database.errors import DatabaseError
+from database.pictures import CODECS, DEFAULT_CODEC, find_codec
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
 
@@ -48,12 +49,22 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--codec",
-        choices=sorted(CODECS),
-        default="png",
-        help="codec of the stored mouths: png is lossless, webp visually so (default: png)",
+        type=_codec,
+        default=DEFAULT_CODEC,
+        metavar="NAME[:QUALITY]",
+        help=f"codec of the stored mouths: {', '.join(sorted(CODECS))}; png loses nothing, the "
+        "others take a quality of 1 to 100 (default: %(default)s)",
     )
     add_models(parser)
     return parser
+
+
+def _codec(name: str) -> str:
+    try:
+        find_codec(name)
+    except DatabaseError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return name
 
 
 def run(options: argparse.Namespace, output: Output) -> None:
