@@ -11,7 +11,6 @@ from database.errors import DatabaseError
 from database.pictures import CODECS, DEFAULT_CODEC, decode, encode, find_codec
 from database.reader import open_database
 
-
 SMALL = {"sequences": 2, "frames": 30, "crop": (20, 22)}
 
 
