@@ -90,7 +90,7 @@ def teeth_and_tongue(
     error = CONTOUR_ERROR * scale
     mouth, hole = _filled(outer, shape), _filled(inner, shape)
     lips = (mouth > 0.5) & (hole < 0.5)
-    skin = _filled(outer, shape, error) < 0.5
+    skin = mouth == 0
     if lips.sum() < 8 or skin.sum() < 8:
         return 0.0, 0.0
     rgb = picture.astype(np.float32) + 4  # Noise in the dark is no colour.
@@ -105,7 +105,9 @@ def teeth_and_tongue(
     pale = _step(paleness, *PALE) * between
     teeth = pale * _step(brightness, *LIT)
     behind = _enclosed(np.maximum(pale, (1 - lit) * between))
-    inside = np.maximum(behind, _filled(inner, shape, -error))
+    inside = behind
+    if opening > 2 * CONTOUR_ERROR:  # There is a place that far from both lips.
+        inside = np.maximum(behind, _filled(inner, shape, error))
     tongue = lit * (1 - _step(paleness, *RED)) * inside * between
     # The rim of a dark gap is as red and as bright as a tongue, but a pixel wide.
     tongue = np.asarray(cv2.morphologyEx(tongue, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)))
@@ -143,15 +145,14 @@ def _lowered(inner: npt.NDArray[np.float64], by: float) -> npt.NDArray[np.float6
 
 
 def _filled(
-    points: npt.NDArray[np.float64], shape: tuple[int, ...], margin: float = 0.0
+    points: npt.NDArray[np.float64], shape: tuple[int, ...], rim: float = 0.0
 ) -> FloatArray:
-    """Coverage, 0..1, of a polygon widened (or narrowed) by a margin in pixels."""
+    """Coverage, 0..1, of a polygon without a rim of some pixels."""
     canvas = np.zeros(shape, np.uint8)
     corners = [np.round(points * (1 << _BITS)).astype(np.int32)]
     cv2.fillPoly(canvas, corners, (255,), cv2.LINE_AA, _BITS)
-    if margin:
-        colour, width = (255 if margin > 0 else 0,), max(1, round(2 * abs(margin)))
-        cv2.polylines(canvas, corners, True, colour, width, cv2.LINE_AA, _BITS)
+    if rim > 0:
+        cv2.polylines(canvas, corners, True, (0,), max(1, round(2 * rim)), cv2.LINE_AA, _BITS)
     return canvas * np.float32(1 / 255)
 
 
