@@ -13,6 +13,7 @@ from analysis.guide import GuideSettings
 from analysis.lag import LagSettings
 from analysis.motion import CropSettings, MotionSettings
 from analysis.texture import TextureSettings
+from database.pictures import AUTO_CODEC
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,13 @@ class BuildSettings:
     focal : float, optional
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
-        Codec of the stored pictures.
+        Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
     face, motion, crop, texture, align, lag, guide
         Settings of the steps.
     """
 
     focal: float | None = None
-    codec: str = "png"
+    codec: str = AUTO_CODEC
     face: FaceSettings = field(default_factory=FaceSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     crop: CropSettings = field(default_factory=CropSettings)

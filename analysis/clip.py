@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from analysis.align import Aligner
 from analysis.alignment import Alignment
+from analysis.articulators import teeth_and_tongue
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
-from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
+from analysis.lips import LipGeometry, lip_geometry
 from analysis.motion import MotionSettings, estimate_poses
 from analysis.smoothing import runs
 from analysis.texture import reduce_crop
