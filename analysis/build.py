@@ -29,7 +29,7 @@ from analysis.interrupts import workers_uninterrupted
 from analysis.models import find_models
 from analysis.shard_store import ShardStore
 from database.errors import CorpusError, DatabaseError
-from database.pictures import find_codec
+from database.pictures import AUTO_CODEC, find_codec
 
 __all__ = ["BuildReport", "BuildSettings", "Progress", "ShardSettings", "build_database"]
 
@@ -104,7 +104,8 @@ def build_database(
     chosen = settings or BuildSettings()
     kept = shards or ShardSettings()
     target = Path(output)
-    find_codec(chosen.codec)
+    if chosen.codec != AUTO_CODEC:
+        find_codec(chosen.codec)
     _check_output(target)
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")

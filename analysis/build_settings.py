@@ -15,6 +15,7 @@ from analysis.lag import LagSettings
 from analysis.motion import CropSettings, MotionSettings
 from analysis.texture import TextureSettings
 from database.mask import Camera
+from database.pictures import AUTO_CODEC
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class BuildSettings:
     hand : HandPoints, optional
         Six points marked in a frame of one clip, which rule the mask and its initial pose.
     codec : str
-        Codec of the stored pictures.
+        Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
     face, motion, crop, texture, align, lag, guide
         Settings of the steps.
     """
@@ -41,7 +42,7 @@ class BuildSettings:
     camera: Camera | None = None
     estimate_focal: bool = False
     hand: HandPoints | None = None
-    codec: str = "png"
+    codec: str = AUTO_CODEC
     face: FaceSettings = field(default_factory=FaceSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     crop: CropSettings = field(default_factory=CropSettings)

@@ -22,6 +22,7 @@ from analysis.shards import Refusal, Shard, read_shard
 from database.errors import CorpusError, UnitselError
 from database.lexicon import Lexicon
 from database.media import MediaInfo, probe
+from database.pictures import AUTO_CODEC, codec_for
 from database.schema import DatabaseContent
 from database.writer import write_database
 
@@ -111,6 +112,10 @@ class Work:
             looked_at = marked + [c for c in looked_at if c not in marked]
         self._person, self.person = store.person(looked_at, sums, finder, self._models, settings)
         self._tell("finding the person", 1, 1)
+        if settings.codec == AUTO_CODEC:
+            patch = self._person.mask.patch
+            settings = replace(settings, codec=codec_for(patch.crop_width, patch.crop_height))
+            self._settings = settings
         store.enter(
             circumstances(self._person, self._fps, self._models, speech.dictionary, settings)
         )

@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from analysis.align import Aligner
 from analysis.alignment import Alignment
+from analysis.articulators import teeth_and_tongue
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
 from analysis.head_motion import HeadFollower
-from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
+from analysis.lips import LipGeometry, lip_geometry
 from analysis.motion import MotionSettings
 from analysis.reference import Reference
 from analysis.texture import reduce_crop

@@ -150,7 +150,7 @@ def estimate_build(
     if needed > MARGIN * free:
         raise DatabaseError(
             f"{target}: the build needs about {size_text(needed)}, and {size_text(free)} are free "
-            "there; free some, choose another place, take fewer clips (--limit), or --codec webp"
+            "there; free some, choose another place, take fewer clips (--limit), or --codec avif:85"
         )
     workers = min(jobs, max(1, len(clips)))
     seconds = each * frames / workers + FIT_SECONDS + UNIT_FIT_SECONDS * total

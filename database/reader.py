@@ -21,7 +21,7 @@ import numpy.typing as npt
 from database import checks
 from database.errors import DatabaseError
 from database.mask import N_VERTICES, Camera, Mask, MouthPatch
-from database.pictures import CODECS, Picture, decode
+from database.pictures import Picture, decode, find_codec
 from database.schema import (
     F32,
     GUIDES,
@@ -75,8 +75,10 @@ class UnitDatabase:
         try:
             with reading(self.path):
                 checks.check_fps(self.fps)
-                if self.codec not in CODECS:
-                    raise ValueError(f"its codec is {self.codec!r}, which is none of ours")
+                try:
+                    find_codec(self.codec)
+                except DatabaseError as error:
+                    raise ValueError(f"its codec is {self.codec!r}, none of ours") from error
         except BaseException:
             self.close()
             raise
@@ -122,7 +124,7 @@ class UnitDatabase:
 
     @cached_property
     def codec(self) -> str:
-        """Name of the pictures' codec (`database.pictures.CODECS`)."""
+        """Name of the pictures' codec, as `database.pictures.find_codec` knows it."""
         with reading(self.path):
             return read_text_attribute(self._file, "codec")
 

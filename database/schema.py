@@ -199,7 +199,7 @@ ATTRIBUTES: Final[dict[str, str]] = {
     "schema": "always 'unitsel-database'",
     "schema_version": "version of this description; files of another version are refused",
     "fps": "frame rate of the database, 1/s; selection runs at it",
-    "codec": "codec of the pictures: png or webp",
+    "codec": "codec of the pictures, NAME or NAME:QUALITY (database/pictures.py)",
     "created": "UTC time of the build; not part of the content",
     "host": "machine of the build; not part of the content",
     "jobs": "parallel jobs of the build; not part of the content",

@@ -52,7 +52,9 @@ SELECTION: Final = next(f for f in FIELDS if f.path == "selection/settings")
 CHUNK_BYTES: Final = 8 << 20
 LANDMARK_ROWS: Final = 32
 PICTURE_ROWS: Final = 256
-LIBRARIES: Final = ("unitsel", "numpy", "scipy", "scikit-learn", "h5py", "av", "pocketsphinx")
+LIBRARIES: Final = (
+    *("unitsel", "numpy", "scipy", "scikit-learn", "h5py", "pillow", "av", "pocketsphinx"),
+)
 
 
 def library_versions() -> dict[str, str]:

@@ -133,6 +133,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("build", "IN/mute", "-o", "OUT/me.h5", "--limit", "-1"), "--limit: '-1'"),
     (("build", "IN/mute", "-o", "OUT/me.h5", "--focal", "inf"), "--focal: 'inf'"),
     (("build", "IN/mute", "-o", "OUT/me.h5", "--codec", "gif"), "--codec"),
+    (("build", "IN/mute", "-o", "OUT/me.h5", "--codec", "avif:0"), "1 to 100, as in avif:85"),
     (_synth(more=("--fps", "0")), "--fps: '0'"),
     (_synth(more=("--fps", "nan")), "--fps: 'nan'"),
     (_synth(more=("--colour", "red")), "--colour"),

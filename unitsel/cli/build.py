@@ -10,7 +10,8 @@ from analysis.build import BuildReport, BuildSettings, ShardSettings, build_data
 from analysis.calibration import read_camera
 from analysis.estimate import Estimate, size_text
 from analysis.hand_points import read_hand_points
-from database.pictures import CODECS
+from database.errors import DatabaseError
+from database.pictures import AUTO_CODEC, CODECS, find_codec
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
 
@@ -71,9 +72,12 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--codec",
-        choices=sorted(CODECS),
-        default="png",
-        help="codec of the stored mouths: png is lossless, webp visually so (default: png)",
+        type=_codec,
+        default=AUTO_CODEC,
+        metavar="NAME[:QUALITY]",
+        help=f"codec of the stored mouths: {', '.join(sorted(CODECS))}; png loses nothing, the "
+        "others take a quality of 1 to 100 (default: png for mouths so small that it takes some "
+        "15 kB at most, else avif:85)",
     )
     parser.add_argument(
         "--person",
@@ -103,6 +107,15 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     )
     add_models(parser)
     return parser
+
+
+def _codec(name: str) -> str:
+    try:
+        if name != AUTO_CODEC:
+            find_codec(name)
+    except DatabaseError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return name
 
 
 class _OnlyEstimateError(Exception):
