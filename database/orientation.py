@@ -7,13 +7,14 @@ quarter.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import av
 import numpy as np
 import numpy.typing as npt
-from av.sidedata.sidedata import Type
+from av.sidedata.sidedata import SideData, Type
 
 from database.planes import Planes
 
@@ -56,11 +57,16 @@ UPRIGHT: Final = Orientation()
 
 def orientation_of(frame: av.VideoFrame) -> Orientation:
     """What a decoded frame's display matrix asks for; upright where it has none."""
-    data = frame.side_data.get(Type.DISPLAYMATRIX)
+    data = next((d for d in _side_data(frame) if d.type == Type.DISPLAYMATRIX), None)
     if data is None:
         return UPRIGHT
     # x' = a x + c y and y' = b x + d y, with y down.
-    a, b, _, c, d = np.frombuffer(data, np.int32, 5).astype(np.float64)
+    a, b, _, c, d = np.frombuffer(bytes(data), np.int32, 5).astype(np.float64)
     if abs(a) + abs(d) >= abs(b) + abs(c):
         return Orientation(False, bool(a < 0), bool(d < 0))
     return Orientation(True, bool(c < 0), bool(b < 0))
+
+
+def _side_data(frame: av.VideoFrame) -> Iterator[SideData]:
+    # PyAV calls its container a mapping, but iterating gives the values.
+    return iter(cast(Iterable[SideData], frame.side_data))
