@@ -25,8 +25,9 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from analysis.align import Aligner, AlignSettings
 from analysis.assemble import assemble
 from analysis.clip import AnalysedClip, analyse_clip
-from analysis.corpus import Clip, find_clips
+from analysis.corpus import Clip
 from analysis.face import FaceFinder, FaceSettings
+from analysis.footage import clips_of
 from analysis.g2p import speaking_lexicon
 from analysis.guide import GuideSettings
 from analysis.lag import LagSettings
@@ -34,6 +35,7 @@ from analysis.models import FaceModels, find_models
 from analysis.motion import CropSettings, MotionSettings
 from analysis.person import find_person
 from analysis.shards import Shard, read_shard, write_shard
+from analysis.sound_offset import OffsetSettings
 from analysis.texture import (
     TextureSettings,
 )
@@ -61,7 +63,7 @@ class BuildSettings:
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
         Codec of the stored pictures.
-    face, motion, crop, texture, align, lag, guide
+    face, motion, crop, texture, align, lag, guide, offset
         Settings of the steps.
     """
 
@@ -74,6 +76,7 @@ class BuildSettings:
     align: AlignSettings = field(default_factory=AlignSettings)
     lag: LagSettings = field(default_factory=LagSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
+    offset: OffsetSettings = field(default_factory=OffsetSettings)
 
 
 @dataclass(frozen=True)
@@ -131,16 +134,17 @@ def build_database(
     jobs: int = 2,
     limit: int | None = None,
     exclude: Sequence[str] = (),
+    timing: str | Path | None = None,
     models: str | Path | None = None,
     dictionary: str | Path | None = None,
     progress: Progress | None = None,
 ) -> BuildReport:
-    """Build a database from a folder of clips.
+    """Build a database from footage.
 
     Parameters
     ----------
     corpus : path
-        Folder; see `analysis.corpus`.
+        Folder, manifest or one long video; see `analysis.footage`.
     output : path
         The database, replaced when the new one is complete.
     settings : BuildSettings, optional
@@ -150,6 +154,8 @@ def build_database(
         Take only so many clips, spread evenly over the sorted names.
     exclude : sequence of str
         Clips to leave out.
+    timing : path, optional
+        Timing file of one long video; by default the one beside it.
     models : path, optional
         Folder with the face models; see `analysis.models`.
     dictionary : path, optional
@@ -184,7 +190,7 @@ def build_database(
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
-    clips = [c.absolute() for c in find_clips(corpus, limit=limit, exclude=exclude)]
+    clips = [c.absolute() for c in clips_of(corpus, timing=timing, limit=limit, exclude=exclude)]
     lexicon = speaking_lexicon(dictionary)
     face_models = find_models(models)
 
@@ -192,7 +198,7 @@ def build_database(
     usable = [c for c in clips if c.name not in skipped]
     tell("finding the person", 0, 1)
     mask, camera = find_person(
-        [c.media for c in usable],
+        [c.source for c in usable],
         FaceFinder(face_models, chosen.face),
         focal=chosen.focal,
         crop=chosen.crop,
@@ -210,6 +216,7 @@ def build_database(
                 texture=chosen.texture,
                 lag=chosen.lag,
                 guide=chosen.guide,
+                offset=chosen.offset,
                 jobs=jobs,
                 settings=asdict(chosen),
                 skipped=skipped,
@@ -292,7 +299,7 @@ def _analyse_into(clip: Clip, common: _Common, path: Path) -> Shard | str:
     except UnitselError as error:
         return str(error)
     except Exception as error:  # One bad clip never ends an hour's build.
-        return f"{clip.media}: unexpected {type(error).__name__}: {error}"
+        return f"{clip.source}: unexpected {type(error).__name__}: {error}"
     return write_shard(path, analysed)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from analysis.motion import CropSettings, make_mask
 from database.errors import FaceError, UnitselError
 from database.mask import OUTER_EYE_CORNERS, Camera, Mask
 from database.media import read_video
+from database.piece import Source
 
 ENOUGH_VIDEOS: Final = 5
 """Videos with a face that are looked at before the best frame so far will do."""
@@ -23,7 +23,7 @@ _NOSE_TIP: Final = 1
 
 
 def find_person(
-    videos: Sequence[Path],
+    videos: Sequence[Source],
     finder: FaceFinder,
     *,
     focal: float | None = None,
@@ -33,7 +33,7 @@ def find_person(
 
     Parameters
     ----------
-    videos : sequence of Path
+    videos : sequence of path or Piece
     finder : FaceFinder
     focal : float, optional
         Focal length in pixels of the first video's pictures.

@@ -35,6 +35,8 @@ class Shard:
         What was repaired.
     given : bool
         Whether the phones were given and not found in the sound.
+    start : float
+        Seconds at which the clip begins in its media file.
     """
 
     path: Path
@@ -49,6 +51,7 @@ class Shard:
     clip_mean: npt.NDArray[np.float32]
     notes: tuple[str, ...]
     given: bool
+    start: float = 0.0
 
 
 class OpenShard:
@@ -106,6 +109,7 @@ def write_shard(path: Path, clip: AnalysedClip) -> Shard:
         mean_log(clip.reduced),
         (*_missing_frames(clip.face.missing()), *clip.alignment.notes),
         clip.alignment.given,
+        clip.start,
     )
 
 

@@ -8,6 +8,7 @@ with the others are another matter (analysis/lag.py).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -15,6 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from database.errors import CorpusError
 from database.sound_features import FEATURE_RATE
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,6 +31,9 @@ LOUDNESS_SMOOTHING: Final = 9
 NATURAL: Final = -0.018
 """Seconds by which loudness follows the lips where sound and picture fit: on GRID's speaker it
 leads a little, with a frame taken to show its middle."""
+
+LARGEST_MS: Final = 2000.0
+"""Milliseconds of offset that can be asked for."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,27 @@ class OffsetSettings:
     fewest_frames: int = 20
     fewest_clips: int = 5
     draws: int = 200
+
+
+def read_offset(text: str) -> float | str:
+    """What a user asks for: "auto", or milliseconds, given back as seconds.
+
+    Raises
+    ------
+    CorpusError
+        If it is neither, or more than two seconds.
+    """
+    if text == "auto":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST_MS:
+        raise CorpusError(
+            f"expected auto, or milliseconds from -{LARGEST_MS:g} to {LARGEST_MS:g}, got {text!r}"
+        )
+    return value / 1000
 
 
 @dataclass(frozen=True)
@@ -192,15 +218,11 @@ def offset_note(found: SoundOffset | None, settings: OffsetSettings) -> str | No
         return (
             f"sound taken to come {1000 * applied:+.0f} ms after the lips{estimate}; phones moved"
         )
-    if found is None:
-        if settings.correct == "auto":
-            return (
-                f"too few clips with sound and face ({settings.fewest_clips} are needed) to "
-                "tell whether sound and lips are apart"
-            )
-        return None
-    if not found.sure:
-        return f"whether sound and lips are apart cannot be told (best guess: {_said(found)})"
+    if found is None or not found.sure:
+        if settings.correct is None:
+            return None
+        why = "too few clips" if found is None else f"best guess: {_said(found)}"
+        return f"whether sound and lips are apart cannot be told ({why}); phones left as they are"
     if abs(found.seconds) < settings.least:
         return None
     side = "after" if found.seconds > 0 else "before"

@@ -47,6 +47,9 @@ __all__ = [
     "snap_rate",
 ]
 
+BEYOND: Final = 0.1
+"""Seconds that a piece may reach beyond its file: sound and picture seldom end together."""
+
 _FOREIGN: Final = {7: Colorspace.SMPTE240M, 9: Colorspace.BT2020, 10: Colorspace.BT2020}
 """Matrices that are converted away."""
 _COLORSPACE: Final[dict[Matrix, Colorspace]] = {
@@ -188,7 +191,7 @@ def probe(source: Source) -> MediaInfo:
     Raises
     ------
     MediaError
-        If the file cannot be read, holds no video, or ends before the piece begins.
+        If the file cannot be read, holds no video, or ends before the piece does.
     """
     piece = piece_of(source)
     index = index_of(piece.path)
@@ -196,6 +199,11 @@ def probe(source: Source) -> MediaInfo:
         raise MediaError(
             f"{piece.path}: ends at {index.duration:.2f} s, before the piece that starts at "
             f"{piece.start:.2f} s"
+        )
+    if piece.end is not None and piece.end > index.duration + BEYOND:
+        raise MediaError(
+            f"{piece.path}: ends at {index.duration:.2f} s, before the end of the piece at "
+            f"{piece.end:.2f} s"
         )
     end = min(index.duration, index.duration if piece.end is None else piece.end)
     frames = index.frames

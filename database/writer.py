@@ -183,6 +183,8 @@ def _prepare(
     if any(len(s) for s in content.sound):
         values["sound/features"] = np.concatenate(content.sound)
         values["sound/steps"] = [len(s) for s in content.sound]
+    if content.starts is not None:
+        values["pieces/start"] = content.starts
     for kind, guide in content.guides.items():
         values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
     values["mask/vertices"] = content.mask.vertices
@@ -212,6 +214,8 @@ def _prepare(
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))
+    if "pieces/start" in arrays:
+        checks.check_starts(arrays["pieces/start"])
     if "sound/steps" in arrays:
         checks.check_sound(arrays["sound/steps"], sizes["F"])
     for kind in content.guides:

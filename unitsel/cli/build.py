@@ -6,6 +6,10 @@ import argparse
 import os
 
 from analysis.build import BuildReport, BuildSettings, build_database
+from analysis.face import FaceSettings
+from analysis.faces import check_choice
+from analysis.sound_offset import OffsetSettings, read_offset
+from database.errors import UnitselError
 from database.pictures import CODECS
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
@@ -15,11 +19,13 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     """Describe the command."""
     parser = commands.add_parser(
         "build",
-        help="build a database from a folder of clips",
-        description="Build a database from a folder of clips: media files, each with its words "
-        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it.",
+        help="build a database from a folder of clips, a manifest, or one long video",
+        description="Build a database from a folder of clips (media files, each with its words "
+        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it), from a manifest "
+        "(a .csv with the header media,words,timing,start,end), or from one long video with its "
+        "timing file, which is cut at pauses.",
     )
-    parser.add_argument("corpus", metavar="CORPUS_DIR")
+    parser.add_argument("corpus", metavar="CORPUS", help="folder, manifest.csv or video")
     parser.add_argument("-o", "--output", metavar="DB.h5", required=True)
     parser.add_argument(
         "--jobs",
@@ -39,6 +45,26 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         default="",
         metavar="NAMES",
         help="clips to leave out, separated by commas",
+    )
+    parser.add_argument(
+        "--timing",
+        metavar="FILE",
+        help="timing file of one long video (default: the one beside it)",
+    )
+    parser.add_argument(
+        "--face",
+        type=_face,
+        default="main",
+        metavar="WHICH",
+        help="which of several faces: left, right, largest, or a number counted from the left "
+        "(default: the largest and most central)",
+    )
+    parser.add_argument(
+        "--sound-offset",
+        type=_offset,
+        metavar="MS",
+        help="milliseconds by which the sound comes after the lips, to be taken out; auto: as "
+        "estimated (default: estimated and reported only)",
     )
     parser.add_argument(
         "--focal",
@@ -61,7 +87,13 @@ def run(options: argparse.Namespace, output: Output) -> None:
     report = build_database(
         options.corpus,
         options.output,
-        settings=BuildSettings(focal=options.focal, codec=options.codec),
+        settings=BuildSettings(
+            focal=options.focal,
+            codec=options.codec,
+            face=FaceSettings(face=options.face),
+            offset=OffsetSettings(correct=options.sound_offset),
+        ),
+        timing=options.timing,
         jobs=options.jobs,
         limit=options.limit,
         exclude=[name.strip() for name in options.exclude.split(",") if name.strip()],
@@ -70,6 +102,20 @@ def run(options: argparse.Namespace, output: Output) -> None:
         progress=output.progress,
     )
     output.result(report.as_json(), _text(report))
+
+
+def _face(text: str) -> str:
+    try:
+        return check_choice(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _offset(text: str) -> float | str:
+    try:
+        return read_offset(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _text(report: BuildReport) -> str:
