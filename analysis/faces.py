@@ -45,7 +45,8 @@ def choose(faces: Sequence[FaceBox], choice: str, width: int, height: int) -> in
     faces : sequence of FaceBox
     choice : str
         ``main``: the largest and most central; ``largest``, ``left``, ``right``; or a number
-        from the left.
+        from the left. Only faces that the detector sees in the whole picture count, of about a
+        tenth of its width and more, unless there are none.
     width, height : int
         Of the picture.
 

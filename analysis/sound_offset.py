@@ -58,11 +58,15 @@ class OffsetSettings:
         Seconds.
     error : float
         Largest standard error of a sure estimate, seconds.
+    agreement : float
+        Share of resampled sets of clips that must give the same, to within `near`.
+    near : float
+        Seconds.
     fewest_frames : int
         Frames with face and sound that a clip needs to count.
     fewest_clips : int
     draws : int
-        Resampled sets of clips behind the standard error.
+        Resampled sets of clips behind the standard error and the agreement.
     """
 
     correct: float | str | None = None
@@ -72,6 +76,8 @@ class OffsetSettings:
     clear: float = 0.1
     apart: float = 0.1
     error: float = 0.02
+    agreement: float = 0.9
+    near: float = 0.04
     fewest_frames: int = 20
     fewest_clips: int = 5
     draws: int = 200
@@ -107,7 +113,9 @@ class SoundOffset:
     seconds : float
         Negative where the sound leads.
     error : float
-        Standard error over clips, seconds.
+        Standard error over clips, seconds (robust: from the median of deviations).
+    agreement : float
+        Share of resampled sets of clips that give the same.
     correlation : float
         Mean over clips of the correlation of changes in loudness and in mouth height there.
     rival : float
@@ -120,6 +128,7 @@ class SoundOffset:
 
     seconds: float
     error: float
+    agreement: float
     correlation: float
     rival: float
     clips: int
@@ -130,6 +139,7 @@ class SoundOffset:
         return {
             "milliseconds": round(1000 * self.seconds, 1),
             "error": round(1000 * self.error, 1),
+            "agreement": round(self.agreement, 3),
             "correlation": round(self.correlation, 3),
             "rival": round(self.rival, 3),
             "clips": self.clips,
@@ -179,7 +189,9 @@ def find_sound_offset(
         _peak(curves[rng.integers(0, len(curves), len(curves))].mean(axis=0))
         for _ in range(chosen.draws)
     ]
-    error = float(np.std(again)) / FEATURE_RATE
+    deviations = np.abs(np.array(again) - place) / FEATURE_RATE
+    error = 1.4826 * float(np.median(deviations))
+    agreement = float(np.mean(deviations <= chosen.near))
     best = round(place)
     far = np.abs(np.arange(len(mean)) - best) > chosen.apart * FEATURE_RATE
     rival = float(mean[far].max())
@@ -187,11 +199,13 @@ def find_sound_offset(
         mean[best] >= chosen.correlation
         and mean[best] - rival >= chosen.clear
         and error <= chosen.error
+        and agreement >= chosen.agreement
         and 0 < best < len(mean) - 1
     )
     return SoundOffset(
         (place - reach) / FEATURE_RATE - NATURAL,
         error,
+        agreement,
         float(mean[best]),
         rival,
         len(curves),

@@ -98,8 +98,8 @@ class Background:
         )
         if len(known) == 0:
             raise RenderError(f"{path}: shows no face, so it cannot be a background")
-        start, stop = longest_run(numbers[known])
-        run = known[start:stop]
+        begin, stop = longest_run(numbers[known])
+        run = known[begin:stop]
         kept = Poses(poses.rotations[run], poses.translations[run])
         return cls(Path(path), float(fps), int(numbers[run[0]]), kept, start)
 
