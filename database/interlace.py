@@ -17,8 +17,8 @@ from av.filter import Graph
 Fields = Literal["none", "auto", "tff", "bff"]
 """``none``: progressive; else which field comes first, ``auto`` as each frame says."""
 
-FEWEST_LINES: Final = 480
-"""Pictures with fewer lines are interlaced only if they say so."""
+WOVEN_LINES: Final = (480, 486, 576, 1080, 1088)
+"""Lines of interlaced formats; pictures with others are interlaced only if they say so."""
 
 FASTEST: Final = 30.5
 """Frames a second; interlaced formats have at most 30."""
@@ -29,7 +29,7 @@ ENOUGH: Final = 5
 
 def may_be_interlaced(height: int, fps: float, flagged: bool) -> bool:
     """Whether it is worth looking at the pictures."""
-    return flagged or (height >= FEWEST_LINES and height % 2 == 0 and fps <= FASTEST)
+    return flagged or (height in WOVEN_LINES and fps <= FASTEST)
 
 
 def find_fields(stretches: Iterable[Iterable[av.VideoFrame]]) -> Fields:

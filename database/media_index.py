@@ -46,7 +46,7 @@ _MATRICES: Final[dict[int, Matrix]] = {1: "bt709", 4: "bt601", 5: "bt601", 6: "b
 LARGEST_GAP: Final = 10.0
 """Seconds: a larger step between two frames, or one back, is a broken clock, not a pause."""
 
-LOOKED_AT: Final = 25
+LOOKED_AT: Final = 12
 """Frames of each stretch that is searched for interlacing."""
 
 STRETCHES: Final = (0.0, 0.35, 0.7)
@@ -148,7 +148,7 @@ def _read_index(path: Path, size: int, changed: int) -> MediaIndex:
     steady = ordered and first is not None and len(stamps) == count and gap <= LARGEST_GAP
     fields: Fields = "none"
     if frame is not None and may_be_interlaced(height, float(fps), frame.interlaced_frame):
-        places = STRETCHES if steady and duration > 5 * LOOKED_AT / float(fps) else (0.0,)
+        places = STRETCHES if steady and count > 4 * LOOKED_AT else (0.0,)
         fields = find_fields(
             islice(_video_frames(path, (first or 0.0) + place * duration), LOOKED_AT)
             for place in places
