@@ -164,24 +164,30 @@ class FaceFinder:
     def _searched(self, picture: Picture) -> FaceMesh | None:
         """The wanted face without a hint from the last frame."""
         height, width = picture.shape[:2]
+        seen: list[FaceBox] = []
         for faces in self._sightings(picture):
             left = list(faces)
+            seen += faces
             while (chosen := self._company.pick(left, width, height)) is not None:
                 side = chosen.size * self.settings.region_scale
                 found = self._meshed(picture, _Region(chosen.x, chosen.y, side, chosen.angle))
                 if found is not None:
-                    self._company.settle(chosen, faces)
+                    self._company.settle(chosen, seen)
                     self._pause = self._wait = 0
                     # The detector's box is rough: once more around the mesh it led to.
                     again = _region_of_mesh(found.points, self.settings)
                     return self._meshed(picture, again) or found
                 left.remove(chosen)
+                seen.remove(chosen)
         return None
 
     def _sightings(self, picture: Picture) -> Iterator[list[FaceBox]]:
         """Faces of the picture, then of ever smaller parts of it."""
-        yield self._detector.faces(picture)
         last = self._company.wanted
+        if last is None and self._company.counts:
+            yield self._detector.all_faces(picture)
+            return
+        yield self._detector.faces(picture)
         if last is not None:
             side = round(AROUND * last.size)
             corner = round(last.x - side / 2), round(last.y - side / 2)

@@ -45,8 +45,7 @@ def choose(faces: Sequence[FaceBox], choice: str, width: int, height: int) -> in
     faces : sequence of FaceBox
     choice : str
         ``main``: the largest and most central; ``largest``, ``left``, ``right``; or a number
-        from the left. Only faces that the detector sees in the whole picture count, of about a
-        tenth of its width and more, unless there are none.
+        from the left.
     width, height : int
         Of the picture.
 
@@ -89,6 +88,11 @@ class Company:
         self.wanted: FaceBox | None = None
         self._others: list[FaceBox] = []
 
+    @property
+    def counts(self) -> bool:
+        """Whether the choice is among all who are there, not of the one who stands out."""
+        return self.choice not in ("main", "largest")
+
     def pick(self, faces: Sequence[FaceBox], width: int, height: int) -> FaceBox | None:
         """The wanted one of the faces of a picture, or None."""
         if self.wanted is None:
@@ -105,7 +109,10 @@ class Company:
     def look_round(self, faces: Sequence[FaceBox]) -> None:
         """Remember where everybody else is."""
         if self.wanted is not None:
-            self._others = [f for f in faces if f.distance(self.wanted.x, self.wanted.y) > 1]
+            # Who is not seen just now is still about.
+            gone = [o for o in self._others if all(f.distance(o.x, o.y) > 1 for f in faces)]
+            around = [*faces, *gone]
+            self._others = [f for f in around if f.distance(self.wanted.x, self.wanted.y) > 1]
 
     def follow(self, x: float, y: float) -> None:
         """Tell where the wanted face is now."""

@@ -99,9 +99,10 @@ def _clip(row: _Row, shared: Counter[str]) -> Clip:
     media = row.file("media", tuple(MEDIA_EXTENSIONS), "a media file")
     if media is None:
         raise row.error("media", "expected a media file, got nothing")
-    start, end = row.seconds("start"), row.seconds("end")
-    if end is not None and end <= (start or 0.0):
-        raise row.error("end", f"{end:g} s is not after the start at {start or 0.0:g} s")
+    given, end = row.seconds("start"), row.seconds("end")
+    start = snapped(media, given or 0.0)
+    if end is not None and end <= max(start, given or 0.0):
+        raise row.error("end", f"{end:g} s is not after the start at {given or 0.0:g} s")
     timing = row.file("timing", timing_extensions(), "a timing file")
     words = tuple(w for token in row.get("words").split() if (w := clean_word(token)))
     if row.get("words") and not words:
@@ -114,8 +115,8 @@ def _clip(row: _Row, shared: Counter[str]) -> Clip:
                 "words", f"gives none, nor a timing, and there is none beside {media.name}"
             )
     stem = media.stem if shared[media.stem] == 1 else row.get("media")
-    name = clip_name(stem, start, end)
-    return Clip(name, media, scripts, snapped(media, start or 0.0), end, words)
+    name = clip_name(stem, given, end)
+    return Clip(name, media, scripts, start, end, words)
 
 
 def _rows(path: Path) -> list[_Row]:

@@ -91,6 +91,21 @@ def test_the_wanted_face_is_meshed(face_models, pair, choice, expected):
     assert np.linalg.norm(nose(found) - noses[expected]) < 6
 
 
+def test_a_small_wanted_face_keeps_its_company(face_models, portrait):
+    """Lost and found among the picture's parts, it still is not the other one."""
+    finder = FaceFinder(face_models, FaceSettings(face="left"))
+    for i in range(40):
+        picture = np.full((720, 1280, 3), 90, np.uint8)
+        small = placed(picture, portrait, 0.45, 200, 300)
+        placed(picture, portrait, 0.9, 800, 100)
+        if i in (15, 16) or i >= 30:
+            picture[:, :600] = 90
+        found = finder.find(picture)
+        assert (found is None) == (i in (15, 16) or i >= 30), i
+        if found is not None:
+            assert np.linalg.norm(nose(found) - small) < 6
+
+
 def test_nobody_is_the_fourth(face_models, pair):
     assert FaceFinder(face_models, FaceSettings(face="4")).find(pair[0]) is None
 
