@@ -100,17 +100,8 @@ class FaceDetector:
             for left, top in _tiles(width, height, side):
                 found += self.faces_in(picture, left, top, side)
             if found:
-                return one_each(found)
+                return _one_each(found)
         return []
-
-    def all_faces(self, picture: Picture) -> list[FaceBox]:
-        """Faces of the whole picture and of its parts, those of people who matter.
-
-        Those are at least a third as large as the largest: no passers-by, no posters.
-        """
-        found = one_each(self.faces(picture) + self.small_faces(picture))
-        largest = max((f.size for f in found), default=0.0)
-        return [f for f in found if f.size >= largest / 3]
 
     def faces_in(self, picture: Picture, left: int, top: int, side: int) -> list[FaceBox]:
         """Faces of one square part of the picture; it may reach beyond the picture's edges."""
@@ -168,10 +159,17 @@ class FaceDetector:
                     FaceBox(cx, cy, size / DETECTOR_SIZE * side, angle, float(scores[chosen].max()))
                 )
             left_over &= ~chosen
-        return one_each(faces)
+        return _one_each(faces)
 
 
-def one_each(faces: list[FaceBox]) -> list[FaceBox]:
+def people(faces: list[FaceBox]) -> list[FaceBox]:
+    """Faces of those who matter, each once: at least a third as large as the largest."""
+    found = _one_each(faces)
+    largest = max((f.size for f in found), default=0.0)
+    return [f for f in found if f.size >= largest / 3]
+
+
+def _one_each(faces: list[FaceBox]) -> list[FaceBox]:
     """Faces without those that overlap a larger or surer one."""
     kept: list[FaceBox] = []
     for face in sorted(faces, key=lambda f: -f.score * f.size):

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from analysis.detector import FaceBox, FaceDetector, load_network
+from analysis.detector import FaceBox, FaceDetector, load_network, people
 from analysis.faces import Company
 from analysis.models import FaceModels
 from database.mask import N_VERTICES, OUTER_EYE_CORNERS
@@ -184,10 +184,10 @@ class FaceFinder:
     def _sightings(self, picture: Picture) -> Iterator[list[FaceBox]]:
         """Faces of the picture, then of ever smaller parts of it."""
         last = self._company.wanted
-        if last is None and self._company.counts:
-            yield self._detector.all_faces(picture)
-            return
-        yield self._detector.faces(picture)
+        whole = self._detector.faces(picture)
+        counts = last is None and self._company.counts
+        if not counts:
+            yield whole
         if last is not None:
             side = round(AROUND * last.size)
             corner = round(last.x - side / 2), round(last.y - side / 2)
@@ -195,10 +195,11 @@ class FaceFinder:
         if self._pause > 0:
             self._pause -= 1
             return
-        # A picture without a face costs dozens of looks, so the next ones are spared them.
+        # A picture without the face costs dozens of looks, so the next ones are spared them.
         self._wait = min(2 * self._wait + 1, LONGEST_PAUSE)
         self._pause = self._wait
-        yield self._detector.small_faces(picture)
+        small = self._detector.small_faces(picture)
+        yield people(whole + small) if counts else small
 
     def _meshed(self, picture: Picture, region: _Region) -> FaceMesh | None:
         to_picture = region.to_picture()
