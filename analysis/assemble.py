@@ -12,7 +12,14 @@ from analysis.cost_model import fit_cost_model
 from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
 from analysis.phone_marks import SpokenClip, mark_phones
-from analysis.shards import Shard, read_shard
+from analysis.shards import OpenShard, Shard, read_shard
+from analysis.sound_offset import (
+    OffsetSettings,
+    SoundOffset,
+    correction,
+    find_sound_offset,
+    offset_note,
+)
 from analysis.texture import (
     TextureSettings,
     fit_texture,
@@ -27,6 +34,9 @@ from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Un
 from database.sound_features import moved_features
 from database.track import PhonemeTrack, context_frames, context_windows
 
+ALL_CLIPS = "all clips"
+"""Who is named in the report where a note is on the corpus as a whole."""
+
 
 def assemble(
     shards: Sequence[Shard],
@@ -37,6 +47,7 @@ def assemble(
     texture: TextureSettings,
     lag: LagSettings,
     guide: GuideSettings,
+    offset: OffsetSettings,
     jobs: int,
     settings: dict[str, Any],
     skipped: dict[str, str],
@@ -50,7 +61,7 @@ def assemble(
         The analysed clips, in order.
     mask, camera, fps
         Of the database.
-    texture, lag, guide
+    texture, lag, guide, offset
         Settings of what depends on all clips.
     jobs : int
         Networks fitted at a time.
@@ -88,7 +99,8 @@ def assemble(
 
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
     frames = [shard["frame"] for shard in opened]
-    tracks, lags, notes = _in_step(shards, frames, np.split(heights, first[1:]), pca, fps, lag)
+    in_step = _in_step(shards, opened, frames, np.split(heights, first[1:]), pca, fps, lag, offset)
+    tracks, lags, notes, apart = in_step
     sound = tuple(
         moved_features(shard["sound"], seconds) for shard, seconds in zip(opened, lags, strict=True)
     )
@@ -146,7 +158,9 @@ def assemble(
     report = {
         "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
         "repaired": [{"clip": c, "note": note} for c, note in notes],
+        "sound_offset": None if apart is None else apart.as_json(),
     }
+    starts = np.array([s.start for s in shards], np.float64)
     content = DatabaseContent(
         fps=fps,
         units=units,
@@ -161,44 +175,52 @@ def assemble(
         guides=fit_guides(learnt, guide, jobs, tell),
         settings=settings,
         report=report,
+        starts=starts if starts.any() else None,
     )
     return content, joined("landmarks")
 
 
 def _in_step(
     shards: Sequence[Shard],
+    opened: Sequence[OpenShard],
     frames: Sequence[npt.NDArray[np.int32]],
     heights: Sequence[npt.NDArray[np.float32]],
     pca: Sequence[npt.NDArray[np.float32]],
     fps: float,
     lag_settings: LagSettings,
-) -> tuple[list[PhonemeTrack], list[float], tuple[tuple[str, str], ...]]:
-    """Tracks in step with the picture, by how much each was moved, and all repairs."""
+    offset: OffsetSettings,
+) -> tuple[list[PhonemeTrack], list[float], tuple[tuple[str, str], ...], SoundOffset | None]:
+    """Tracks in step with the picture, by how much each was moved, all repairs, the offset."""
+    apart = find_sound_offset(frames, heights, [s["sound"] for s in opened], fps, offset)
+    common = -correction(apart, offset)
     expected = [np.column_stack([h, p[:, 0]]) for h, p in zip(heights, pca, strict=True)]
     original = [s.track for s in shards]
+    if common:
+        original = [moved(s.track, common, s.frames / fps) for s in shards]
     lags = find_lags(original, frames, expected, fps, lag_settings)
     tracks = []
     applied = []
-    notes = []
-    for shard, lag in zip(shards, lags, strict=True):
+    note = offset_note(apart, offset)
+    notes = [] if note is None else [(ALL_CLIPS, note)]
+    for shard, track, lag in zip(shards, original, lags, strict=True):
         notes += [(shard.name, note) for note in shard.notes]
         if lag == 0.0:
-            tracks.append(shard.track)
-            applied.append(0.0)
+            tracks.append(track)
+            applied.append(common)
             continue
         side = "later" if lag > 0 else "earlier"
         what = f"lips move {abs(lag):.2f} s {side} than the "
         if shard.given:
             # Whoever times phones by hand knows better than we do.
-            tracks.append(shard.track)
-            applied.append(0.0)
+            tracks.append(track)
+            applied.append(common)
             what += "phones of the timing file, which were left as they are"
         else:
-            tracks.append(moved(shard.track, lag, shard.frames / fps))
-            applied.append(lag)
+            tracks.append(moved(track, lag, shard.frames / fps))
+            applied.append(common + lag)
             what += "sound; phones moved"
         notes.append((shard.name, what))
-    return tracks, applied, tuple(notes)
+    return tracks, applied, tuple(notes), apart
 
 
 def _fit_texture(

@@ -22,8 +22,8 @@ from typing import Final
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
-from analysis.corpus import find_clips
 from analysis.estimate import Estimate
+from analysis.footage import clips_of
 from analysis.g2p import speaking_lexicon
 from analysis.interrupts import workers_uninterrupted
 from analysis.models import find_models
@@ -47,6 +47,7 @@ def build_database(
     jobs: int = 2,
     limit: int | None = None,
     exclude: Sequence[str] = (),
+    timing: str | Path | None = None,
     person: Sequence[str] = (),
     models: str | Path | None = None,
     dictionary: str | Path | None = None,
@@ -54,7 +55,7 @@ def build_database(
     announce: Callable[[Estimate], None] | None = None,
     progress: Progress | None = None,
 ) -> BuildReport:
-    """Build a database from a folder of clips.
+    """Build a database from footage.
 
     A build that was killed or interrupted goes on where it was when it is started again, and
     one of more clips analyses only those; either gives what a build in one go gives.
@@ -62,7 +63,7 @@ def build_database(
     Parameters
     ----------
     corpus : path
-        Folder; see `analysis.corpus`.
+        Folder, manifest or one long video; see `analysis.footage`.
     output : path
         The database, replaced when the new one is complete.
     settings : BuildSettings, optional
@@ -72,6 +73,8 @@ def build_database(
         Take only so many clips, spread evenly over the sorted names.
     exclude : sequence of str
         Clips to leave out.
+    timing : path, optional
+        Timing file of one long video; by default the one beside it.
     person : sequence of str
         Clips to make the mask of, in this order of preference; by default all, sorted by name.
     models : path, optional
@@ -110,7 +113,7 @@ def build_database(
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
-    clips = [c.absolute() for c in find_clips(corpus, limit=limit, exclude=exclude)]
+    clips = [c.absolute() for c in clips_of(corpus, timing=timing, limit=limit, exclude=exclude)]
     speech = Speech(speaking_lexicon(dictionary), dictionary)
     face_models = find_models(models)
     folder = Path(kept.folder or target.with_name(target.name + SHARDS_SUFFIX)).absolute()

@@ -13,6 +13,7 @@ from analysis.guide import GuideSettings
 from analysis.hand_points import HandPoints
 from analysis.lag import LagSettings
 from analysis.motion import CropSettings, MotionSettings
+from analysis.sound_offset import OffsetSettings
 from analysis.texture import TextureSettings
 from database.mask import Camera
 from database.pictures import AUTO_CODEC
@@ -34,7 +35,7 @@ class BuildSettings:
         Six points marked in a frame of one clip, which rule the mask and its initial pose.
     codec : str
         Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
-    face, motion, crop, texture, align, lag, guide
+    face, motion, crop, texture, align, lag, guide, offset
         Settings of the steps.
     """
 
@@ -50,6 +51,7 @@ class BuildSettings:
     align: AlignSettings = field(default_factory=AlignSettings)
     lag: LagSettings = field(default_factory=LagSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
+    offset: OffsetSettings = field(default_factory=OffsetSettings)
 
 
 @dataclass(frozen=True)

@@ -195,6 +195,7 @@ class Work:
             texture=settings.texture,
             lag=settings.lag,
             guide=settings.guide,
+            offset=settings.offset,
             jobs=self._jobs,
             settings=asdict(settings),
             skipped=self.skipped,
@@ -235,7 +236,7 @@ class Work:
         infos = {}
         for clip in clips:
             try:
-                infos[clip.name] = probe(clip.media)
+                infos[clip.name] = probe(clip.source)
             except UnitselError as error:
                 self.skipped[clip.name] = str(error)
         if not infos:
@@ -251,7 +252,7 @@ class Work:
             info = infos.get(clip.name)
             if info is not None and info.fps < 0.98 * fps:
                 self.skipped[clip.name] = (
-                    f"{clip.media}: has {info.fps:g} frames a second, less than the corpus's "
+                    f"{clip.source}: has {info.fps:g} frames a second, less than the corpus's "
                     f"{fps:g}"
                 )
         return fps

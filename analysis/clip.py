@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -23,8 +24,9 @@ from analysis.reference import Reference
 from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop
-from database.media import MediaInfo, probe, read_video
+from database.media import probe, read_video
 from database.pictures import encode
+from database.piece import Source
 from database.sound import Sound, read_sound
 from database.sound_features import BANDS, sound_features
 
@@ -86,6 +88,8 @@ class AnalysedClip:
         Encoded crops; empty where no codec was asked for.
     sound : (steps, 26) float16
         `database.sound_features.sound_features`; no steps where the clip has no sound.
+    start : float
+        Seconds at which the clip begins in its media file.
     """
 
     name: str
@@ -100,10 +104,11 @@ class AnalysedClip:
     reduced: npt.NDArray[np.uint8]
     pictures: list[bytes]
     sound: npt.NDArray[np.float16]
+    start: float = 0.0
 
 
 def track_face(
-    media: str | Path,
+    media: Source,
     mask: Mask,
     camera: Camera,
     finder: FaceFinder,
@@ -117,7 +122,7 @@ def track_face(
 
     Parameters
     ----------
-    media : path
+    media : path or Piece
     mask : Mask
         Of the person.
     camera : Camera
@@ -158,7 +163,7 @@ def track_face(
 
 
 def cut_crops(
-    media: str | Path, face: TrackedFace, mask: Mask, *, fps: float | None = None
+    media: Source, face: TrackedFace, mask: Mask, *, fps: float | None = None
 ) -> Iterator[npt.NDArray[np.uint8]]:
     """Cut the mouths out of a video that has been tracked, head motion taken out.
 
@@ -221,17 +226,16 @@ def analyse_clip(
         Of the kind that says what is wrong with the clip.
     """
     cv2.setNumThreads(1)  # Clips are analysed side by side; threads inside would fight.
-    info = probe(clip.media)
-    sound = _sound_of(info)
+    source = clip.source
+    info = probe(source)
+    sound = read_sound(source) if info.has_sound else None
     alignment = align_clip(clip, sound, info.duration, aligner)
-    face = track_face(
-        clip.media, mask, camera, finder, fps=fps, settings=settings, reference=reference
-    )
+    face = track_face(source, mask, camera, finder, fps=fps, settings=settings, reference=reference)
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
     reduced: list[npt.NDArray[np.uint8]] = []
     pictures: list[bytes] = []
-    for i, crop in enumerate(cut_crops(clip.media, face, mask, fps=fps)):
+    for i, crop in enumerate(cut_crops(source, face, mask, fps=fps)):
         seen.append(teeth_and_tongue(crop, lips.contours[i], float(lips.opening[i]), mask.patch))
         reduced.append(reduce_crop(crop))
         if codec is not None:
@@ -249,17 +253,20 @@ def analyse_clip(
         np.stack(reduced),
         pictures,
         _features_of(sound),
+        clip.start,
     )
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
+    """SHA-256 of a file, in hexadecimal; kept while the file stays as it is."""
+    stat = path.stat()
+    return _sha256_of(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _sha256_of(path: Path, size: int, changed: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _sound_of(info: MediaInfo) -> Sound | None:
-    return read_sound(info.path) if info.has_sound else None
 
 
 def _features_of(sound: Sound | None) -> npt.NDArray[np.float16]:

@@ -132,7 +132,7 @@ def _analyse_into(i: int, task: ClipTask, shared: Shared) -> tuple[int, Shard | 
     _end_with(shared.process)
     cv2.setNumThreads(1)  # Clips run side by side; threads inside would fight.
     started = time.monotonic()
-    media = task.clip.media
+    media = task.clip.source
     try:
         analysed: AnalysedClip = analyse_clip(
             task.clip,

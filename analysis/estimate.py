@@ -170,7 +170,7 @@ def _trial(
         try:
             finder.reset()
             pictures = []
-            video = read_video(clip.media)
+            video = read_video(clip.source)
             # The first frame pays for the start.
             first = next(video).rgb
             finder.find(first)

@@ -28,14 +28,14 @@ from analysis.person import Person
 from database.mask import Camera
 from database.writer import library_versions
 
-FITTED_LATER: Final = ("texture", "lag", "guide")
+FITTED_LATER: Final = ("texture", "lag", "guide", "offset")
 """Parts of the build's settings that no clip is analysed with: they may change and clips stay."""
 
 RUN_LATER: Final = frozenset(
     (
         *("assemble.py", "build.py", "build_lock.py", "build_work.py", "cost_model.py"),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
-        *("phoneme_distance.py", "shard_store.py"),
+        *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
     )
 )
 """Modules of this folder whose code no clip goes through."""
@@ -102,7 +102,7 @@ def clip_identity(common: str, clip: Clip, sha256: str) -> str:
         If a script cannot be read.
     """
     scripts = [part for path in clip.scripts for part in (path.name, path.read_bytes())]
-    return digest_of(common, clip.name, sha256, *scripts)
+    return digest_of(common, clip.name, sha256, clip.start, clip.end, clip.words, *scripts)
 
 
 def digest_of(*parts: object) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -23,6 +22,7 @@ from analysis.surface_texture import face_picture
 from database.errors import FaceError, UnitselError
 from database.mask import OUTER_EYE_CORNERS, Camera, Mask
 from database.media import read_video
+from database.piece import Source
 
 ENOUGH_VIDEOS: Final = 6
 """Videos with a face that are looked at."""
@@ -73,7 +73,7 @@ class _Sight:
 
 
 def study_person(
-    videos: Sequence[Path],
+    videos: Sequence[Source],
     finder: FaceFinder,
     *,
     focal: float | None = None,
@@ -89,7 +89,7 @@ def study_person(
 
     Parameters
     ----------
-    videos : sequence of Path
+    videos : sequence of path or Piece
     finder : FaceFinder
     focal : float, optional
         Focal length in pixels of the first video's pictures.
@@ -173,7 +173,7 @@ def study_person(
     return Person(mask, camera, reference, len(good))
 
 
-def _estimated_camera(videos: Sequence[Path], finder: FaceFinder) -> Camera | None:
+def _estimated_camera(videos: Sequence[Source], finder: FaceFinder) -> Camera | None:
     """A camera whose focal length the first videos tell; None if they show too little."""
     meshes: list[npt.NDArray[np.float32]] = []
     size: tuple[int, int] | None = None
@@ -198,7 +198,7 @@ def _estimated_camera(videos: Sequence[Path], finder: FaceFinder) -> Camera | No
     return Camera.assumed(*size, focal_of(np.stack(meshes), *size).focal)
 
 
-def _marked(video: Path, points: HandPoints, finder: FaceFinder, camera: Camera) -> _Sight:
+def _marked(video: Source, points: HandPoints, finder: FaceFinder, camera: Camera) -> _Sight:
     """The frame in which points were marked."""
     finder.reset()
     for frame in read_video(video):

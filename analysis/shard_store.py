@@ -47,6 +47,7 @@ from analysis.shards import (
     write_arrays,
 )
 from database.errors import DatabaseError
+from database.piece import Source
 
 CIRCUMSTANCES: Final = "circumstances.json"
 _OURS: Final = re.compile(r"[0-9a-f]{32}")
@@ -147,7 +148,7 @@ class ShardStore:
         key = digest_of(software_digest(), models_digest(models), settings_digest(settings))
         self._person = self.folder / f"person-{key}{SHARD}"
         clear_partials(self.folder, ".person-*.partial")
-        order = [sums[c.media] for c in clips]
+        order = [digest_of(sums[c.media], c.start, c.end) for c in clips]
         kept = None
         with contextlib.suppress(ShardDamagedError):
             kept = None if self._fresh else read_checked(self._person)
@@ -158,7 +159,7 @@ class ShardStore:
             if order[: len(looked)] == looked and (order == looked or not about["all"]):
                 names = tuple(c.name for c in clips[: len(looked)])
                 return put_together(Person, about["person"], kept.__getitem__), names
-        videos = _Watched([c.media for c in clips])
+        videos = _Watched([c.source for c in clips])
         person = study_person(
             videos,
             finder,
@@ -225,18 +226,18 @@ class ShardStore:
         return [p for p in self.folder.iterdir() if _PERSON.fullmatch(p.name)]
 
 
-class _Watched(Sequence[Path]):
+class _Watched(Sequence[Source]):
     """Paths that remember how many of them were looked at."""
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Source]) -> None:
         self._paths = paths
         self.looked = 0
 
     @overload
-    def __getitem__(self, place: int) -> Path: ...
+    def __getitem__(self, place: int) -> Source: ...
     @overload
-    def __getitem__(self, place: slice) -> Sequence[Path]: ...
-    def __getitem__(self, place: int | slice) -> Path | Sequence[Path]:
+    def __getitem__(self, place: slice) -> Sequence[Source]: ...
+    def __getitem__(self, place: int | slice) -> Source | Sequence[Source]:
         chosen = range(len(self._paths))[place]
         last = chosen if isinstance(chosen, int) else max(chosen, default=-1)
         self.looked = max(self.looked, last + 1)

@@ -59,6 +59,8 @@ class Shard:
         What was repaired.
     given : bool
         Whether the phones were given and not found in the sound.
+    start : float
+        Seconds at which the clip begins in its media file.
     seconds : float
         How long the analysis took; not part of any database.
     """
@@ -75,6 +77,7 @@ class Shard:
     clip_mean: npt.NDArray[np.float32]
     notes: tuple[str, ...]
     given: bool
+    start: float
     seconds: float
 
 
@@ -195,6 +198,7 @@ def load_shard(path: Path, clip: Clip) -> Shard | Refusal | None:
         shard["clip_mean"],
         said,
         about["given"],
+        clip.start,
         about["seconds"],
     )
 

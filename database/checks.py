@@ -243,3 +243,10 @@ def check_sound(steps: npt.NDArray[np.int32], n_steps: int) -> None:
     """Check that the sequences' sounds are all of the sound there is."""
     if (steps < 0).any() or int(steps.sum(dtype=np.int64)) != n_steps:
         raise ValueError(f"sound/steps do not add up to the {n_steps} of sound/features")
+
+
+def check_starts(starts: npt.NDArray[np.float64]) -> None:
+    """Check that clips start inside their media files."""
+    check_finite("pieces/start", starts)
+    if (starts < 0).any():
+        raise ValueError("pieces/start holds a time before 0")

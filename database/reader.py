@@ -152,6 +152,16 @@ class UnitDatabase:
             return part
 
     @cached_property
+    def starts(self) -> npt.NDArray[np.float64]:
+        """Start of each sequence in its media file, seconds, (S,)."""
+        with reading(self.path):
+            if "pieces" not in self._file:
+                return np.zeros(self._sizes["S"])
+            starts: npt.NDArray[np.float64] = self._read("pieces/start")
+            checks.check_starts(starts)
+            return starts
+
+    @cached_property
     def units(self) -> Units:
         """The units' parameters."""
         with reading(self.path):

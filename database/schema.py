@@ -148,6 +148,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("sequences/units", "int32", ("S",), "count", "units of the sequence, one after another"),
     Field("sequences/lighting", "float32", ("S", 3, "C"), "log gain",
           "lighting of the clip against the reference: coefficients a channel (analysis/texture.py)"),
+    Field("pieces/start", "float64", ("S",), "s",
+          "start of the clip in its media file, where clips are pieces of files", optional=True),
     Field("phones/sequence", "int32", ("P",), "index", "sequence of the phone"),
     Field("phones/phoneme", "uint8", ("P",), "index", "phoneme (Table 1)"),
     Field("phones/start", "float64", ("P",), "s", "start, in the clip's time"),
@@ -368,3 +370,4 @@ class DatabaseContent:
     rigid: RigidTexture | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)
+    starts: npt.NDArray[np.float64] | None = None

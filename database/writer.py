@@ -189,6 +189,8 @@ def _prepare(
     if any(len(s) for s in content.sound):
         values["sound/features"] = np.concatenate(content.sound)
         values["sound/steps"] = [len(s) for s in content.sound]
+    if content.starts is not None:
+        values["pieces/start"] = content.starts
     for kind, guide in content.guides.items():
         values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
     if content.rigid is not None:
@@ -223,6 +225,8 @@ def _prepare(
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))
+    if "pieces/start" in arrays:
+        checks.check_starts(arrays["pieces/start"])
     if "sound/steps" in arrays:
         checks.check_sound(arrays["sound/steps"], sizes["F"])
     if "rigid/points" in arrays:

@@ -177,8 +177,9 @@ def make_content(
     if guided:
         sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
         guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
-        content = replace(content, sound=sound, guides=guides, marks=_marks(content.phones))
-        content = replace(content, rigid=_rigid(rng))
+        starts = 2.5 * np.arange(len(content.sequences))
+        content = replace(content, sound=sound, guides=guides, starts=starts)
+        content = replace(content, marks=_marks(content.phones), rigid=_rigid(rng))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 

@@ -127,7 +127,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     # Arguments
     ((), "unitsel --help"),
     (("frobnicate",), "'frobnicate'"),
-    (("build",), "CORPUS_DIR"),
+    (("build",), "CORPUS"),
     (("build", "IN/mute"), "-o"),
     (("build", "IN/mute", "-o", "OUT/me.h5", "--jobs", "0"), "--jobs: '0'"),
     (("build", "IN/mute", "-o", "OUT/me.h5", "--limit", "-1"), "--limit: '-1'"),

@@ -1,12 +1,14 @@
 """The schema, the writer and the reader speak of the same fields."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import h5py
+import numpy as np
 import pytest
 
 from database.errors import DatabaseError
 from database.fingerprint import content_hash
+from database.pictures import encode
 from database.reader import open_database
 from database.schema import (
     ATTRIBUTES,
@@ -20,6 +22,7 @@ from database.schema import (
     Units,
     field_table,
 )
+from database.writer import write_database
 
 
 def datasets(path):
@@ -45,6 +48,18 @@ def full_db(makedb, tmp_path_factory):
 def test_a_file_holds_the_fields_and_nothing_else(full_db, small_db):
     assert sorted(datasets(full_db)) == sorted(f.path for f in FIELDS)
     assert sorted(datasets(small_db)) == sorted(f.path for f in FIELDS if not f.optional)
+
+
+def test_clips_know_where_in_their_files_they_start(full_db, small_db, makedb, tmp_path):
+    with open_database(full_db) as db:
+        np.testing.assert_array_equal(db.starts, [0.0, 2.5])
+    with open_database(small_db) as db:
+        np.testing.assert_array_equal(db.starts, np.zeros(len(db.sequences)))
+    content, pictures, landmarks = makedb.make_content(sequences=2, frames=12, crop=(16, 16))
+    for starts in ([0.0, -1.0], [0.0, np.nan], [0.0]):
+        with pytest.raises(DatabaseError, match="pieces/start"):
+            wrong = replace(content, starts=np.array(starts))
+            write_database(tmp_path / "x.h5", wrong, (encode(p) for p in pictures), landmarks)
 
 
 def test_half_an_optional_group_is_damage(full_db, tmp_path):

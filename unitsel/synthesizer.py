@@ -165,7 +165,9 @@ class Synthesizer:
         probe(path)
         checksum = sha256_of(path)
         if checksum in sequences.sha256:
-            return self._own_background(sequences.sha256.index(checksum), path)
+            # Of the pieces of one long video the longest: less turning back and forth.
+            own = [i for i, known in enumerate(sequences.sha256) if known == checksum]
+            return self._own_background(max(own, key=lambda i: int(sequences.units[i])), path)
         if progress is not None:
             progress("tracking the background", 0, 1)
         db = self.database
@@ -207,6 +209,7 @@ class Synthesizer:
             db.fps,
             db.units.frame[units],
             Poses(db.units.rotation[units], db.units.translation[units]),
+            float(db.starts[sequence]),
         )
 
     def render(

@@ -9,8 +9,11 @@ import sys
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.calibration import read_camera
 from analysis.estimate import Estimate, size_text
+from analysis.face import FaceSettings
+from analysis.faces import check_choice
 from analysis.hand_points import read_hand_points
-from database.errors import DatabaseError
+from analysis.sound_offset import OffsetSettings, read_offset
+from database.errors import DatabaseError, UnitselError
 from database.pictures import AUTO_CODEC, CODECS, find_codec
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
@@ -20,13 +23,14 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     """Describe the command."""
     parser = commands.add_parser(
         "build",
-        help="build a database from a folder of clips",
-        description="Build a database from a folder of clips: media files, each with its words "
-        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it. Analysed clips "
-        "are kept in DB.h5.shards: a build that was ended goes on where it was, and one of more "
-        "clips analyses only those.",
+        help="build a database from a folder of clips, a manifest, or one long video",
+        description="Build a database from a folder of clips (media files, each with its words "
+        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it), from a manifest "
+        "(a .csv with the header media,words,timing,start,end), or from one long video with its "
+        "timing file, which is cut at pauses. Analysed clips are kept in DB.h5.shards: a build "
+        "that was ended goes on where it was, and one of more clips analyses only those.",
     )
-    parser.add_argument("corpus", metavar="CORPUS_DIR")
+    parser.add_argument("corpus", metavar="CORPUS", help="folder, manifest.csv or video")
     parser.add_argument("-o", "--output", metavar="DB.h5", required=True)
     parser.add_argument(
         "--jobs",
@@ -46,6 +50,26 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         default="",
         metavar="NAMES",
         help="clips to leave out, separated by commas",
+    )
+    parser.add_argument(
+        "--timing",
+        metavar="FILE",
+        help="timing file of one long video (default: the one beside it)",
+    )
+    parser.add_argument(
+        "--face",
+        type=_face,
+        default="main",
+        metavar="WHICH",
+        help="which of several faces: left, right, largest, or a number counted from the left "
+        "(default: the largest and most central)",
+    )
+    parser.add_argument(
+        "--sound-offset",
+        type=_offset,
+        metavar="MS",
+        help="milliseconds by which the sound comes after the lips, to be taken out; auto: as "
+        "estimated (default: estimated and reported only)",
     )
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument(
@@ -143,7 +167,10 @@ def run(options: argparse.Namespace, output: Output) -> None:
                 estimate_focal=options.estimate_focal,
                 hand=None if options.points is None else read_hand_points(options.points),
                 codec=options.codec,
+                face=FaceSettings(face=options.face),
+                offset=OffsetSettings(correct=options.sound_offset),
             ),
+            timing=options.timing,
             jobs=options.jobs,
             limit=options.limit,
             exclude=_names(options.exclude),
@@ -162,6 +189,20 @@ def run(options: argparse.Namespace, output: Output) -> None:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _face(text: str) -> str:
+    try:
+        return check_choice(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _offset(text: str) -> float | str:
+    try:
+        return read_offset(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _text(report: BuildReport) -> str:
