@@ -208,8 +208,8 @@ def test_the_message_names_the_place_and_what_was_expected(
 def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
     file = tmp_path / "a.lab"
     with file.open("wb") as stream:
-        stream.truncate(65 * 2**20)
-    assert "larger than 64 MiB" in attempt(file)
+        stream.truncate(17 * 2**20)
+    assert "larger than 16 MiB" in attempt(file)
 
 
 def test_an_unknown_symbol_keeps_its_cause(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from database.timing.json_text import member, read_values
+from database.timing.json_text import has_key, member, read_values
 from database.timing.source import Source
 from database.timing.tiers import Span, Timing, looks_like_phones, phone_track, word_track
 from database.timing.words import is_word_silence
@@ -18,6 +18,11 @@ from database.track import Interval
 
 SLACK = 1.5e-3
 """Seconds: begins and durations are each rounded to a millisecond."""
+
+
+def recognise(source: Source) -> bool:
+    """Whether the file names words as pocketsphinx does."""
+    return has_key(source, "w") and not has_key(source, "tiers")
 
 
 def read(source: Source, alphabet: str) -> Timing:
