@@ -179,7 +179,7 @@ def test_the_harness_says_what_it_lacks(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 GRID = 'File type = "ooTextFile"\nObject class = "TextGrid"\n0\n9\n<exists>\n'
-N = 20_000
+N = 8000
 # What grows without a bound, or by the square of its size, in a careless reader.
 HOSTILE: dict[str, tuple[str, Callable[[], str]]] = {
     "quotes": (".textgrid", lambda: GRID + '"' * 3 * N),
@@ -216,7 +216,7 @@ def test_hostile_files_take_bounded_time_and_memory(name: str) -> None:
     tracemalloc.start()
     began = time.process_time()
     try:
-        fuzz.check_file(extension, data)
+        fuzz.check_file(extension, data, writing=False)
         used = time.process_time() - began
         peak = tracemalloc.get_traced_memory()[1]
     finally:

@@ -13,8 +13,10 @@ but not in the transcript.
 from __future__ import annotations
 
 import json
+from bisect import bisect_left
 from typing import Any
 
+from database.errors import TimingError
 from database.timing.json_text import has_key, member, read_values
 from database.timing.source import Source, quoted
 from database.timing.tiers import Span, Timing, phone_track, without_position, word_track
@@ -110,13 +112,16 @@ def _phones(source: Source, word: dict[str, Any], span: Span) -> list[Span]:
 def write(timing: Timing) -> str:
     """Format the phones inside their words, or words without phones."""
     phones = timing.phones.intervals() if timing.phones else []
-    entries = [(word, _inside(word, phones)) for word in _words(timing)]
-    if phones:
-        taken = {id(p) for _, inner in entries for p in inner}
-        entries += _others([p for p in phones if id(p) not in taken])
-        entries.sort(key=lambda e: e[0].start)
+    middles = [(p.start + p.end) / 2 for p in phones]
+    entries: list[tuple[Interval, list[Interval]]] = []
+    done = 0
+    for word in timing.words.intervals() if timing.words else []:
+        first, last = bisect_left(middles, word.start), bisect_left(middles, word.end)
+        entries += [*_others(phones[done:first]), (word, _spoken(phones[first:last]))]
+        done = last
+    entries += _others(phones[done:])
     rows: list[dict[str, Any]] = []
-    text = ""
+    length = 0
     for k, (word, inner) in enumerate(entries):
         start = min(word.start, inner[0].start) if inner else word.start
         end = max(word.end, inner[-1].end) if inner else word.end
@@ -127,29 +132,23 @@ def write(timing: Timing) -> str:
         if word.label == _UNKNOWN:
             row["case"] = "not-found-in-transcript"
         else:
-            at = len(text) + bool(text)
-            text = f"{text} {word.label}" if text else word.label
             row |= {"case": "success", "alignedWord": word.label.lower()}
-            row |= {"startOffset": at, "endOffset": len(text)}
+            row |= {"startOffset": length, "endOffset": length + len(word.label)}
+            length += len(word.label) + 1
         if inner:
             row["phones"] = [{"phone": p.label, "duration": p.end - p.start}
                              for p in _filled(start, end, inner)]  # fmt: skip
         rows.append(row)
+    if not rows:
+        raise TimingError("a Gentle file needs words or sounds, this timing holds silence only")
+    text = " ".join(word.label for word, _ in entries if word.label != _UNKNOWN)
     return json.dumps({"transcript": text, "words": rows}, indent=1, ensure_ascii=False) + "\n"
 
 
-def _words(timing: Timing) -> list[Interval]:
-    return timing.words.intervals() if timing.words else []
-
-
-def _inside(word: Interval, phones: list[Interval]) -> list[Interval]:
-    """The phones whose middles lie in a word, without silence at its ends."""
-    inner = [p for p in phones if word.start <= (p.start + p.end) / 2 < word.end]
-    while inner and inner[0].label == "sil":
-        inner = inner[1:]
-    while inner and inner[-1].label == "sil":
-        inner = inner[:-1]
-    return inner
+def _spoken(phones: list[Interval]) -> list[Interval]:
+    """A word's phones without silence at its ends."""
+    sounds = [i for i, p in enumerate(phones) if p.label != "sil"]
+    return phones[sounds[0] : sounds[-1] + 1] if sounds else []
 
 
 def _others(phones: list[Interval]) -> list[tuple[Interval, list[Interval]]]:
