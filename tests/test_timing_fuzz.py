@@ -230,4 +230,7 @@ def test_files_with_too_much_in_them_are_refused() -> None:
     assert f"from 0 to {MAX_SPANS}, got 500001" in fuzz.check_file(
         ".textgrid", (GRID + '1 "IntervalTier" "phones" 0 9 500001').encode()
     )
+    assert "got 2001 different labels; are they words?" in fuzz.check_file(
+        ".pho", "\n".join(f"a{i} 10" for i in range(2001)).encode()
+    )
     assert f"at most {MAX_VALUES} JSON values" in fuzz.check_file(".json", b"1 " * (MAX_VALUES + 1))

@@ -17,8 +17,8 @@ from database.errors import TimingError
 MAX_BYTES = 16 * 2**20
 """Larger files are refused: an hour of speech has a few megabytes of times."""
 
-MAX_LINES = 2_000_000
-"""Files of more lines are refused: ten hours of phones in a TextGrid have half as many."""
+MAX_LINES = 1_000_000
+"""Files of more lines are refused: five hours of phones in a TextGrid have fewer."""
 
 _LONGEST_NUMBER = 100
 """Characters; no time needs more, and very long numbers take very long to read."""

@@ -20,6 +20,9 @@ WORD_TIERS = ("words", "word", "ort-mau", "ort", "tokens", "tokensalign")
 MAX_SPANS = 500_000
 """More in one row are a mistake: ten hours of speech have fewer phones."""
 
+MOST_SYMBOLS = 2000
+"""Distinct labels: no alphabet has so many, not with all marks of stress and length."""
+
 MAX_SECONDS = 1e6
 """Later times are mistakes, of the unit for example: nobody speaks for eleven days."""
 
@@ -149,6 +152,8 @@ def phone_track(
     labels = [s.label.strip() for s in spans]
     if not labels:
         raise source.error("holds no phone")
+    if (n := len(set(labels))) > MOST_SYMBOLS:
+        raise source.error(f"expected phones, got {n} different labels; are they words?")
     known, unknown = alphabet, unknown_symbols(labels, alphabet)
     if alphabet == "auto":
         known, unknown = best_alphabet(labels)
@@ -219,7 +224,14 @@ def looks_like_phones(labels: Sequence[str]) -> bool:
     So that a misspelt phone is an error and words are words.
     """
     spoken = {s for label in labels if (s := label.strip()).lower() not in SILENCE_MARKS}
+    if len(spoken) > MOST_SYMBOLS:
+        return False
     return len(best_alphabet(spoken)[1]) * 2 <= len(spoken)
+
+
+def _are_phones(labels: set[str]) -> bool:
+    """Whether all labels, of which one is not blank, are symbols of one alphabet."""
+    return any(labels) and len(labels) <= MOST_SYMBOLS and not best_alphabet(labels)[1]
 
 
 def single_tier(
@@ -291,12 +303,7 @@ def choose_tiers(
             )
     rest = [t for t in tiers if t.spans and not any(t is n for n in (*words, *phones))]
     if not phones:
-        fits = [
-            t
-            for t in rest
-            if any(s.label.strip() for s in t.spans)
-            and not best_alphabet([s.label.strip() for s in t.spans])[1]
-        ]
+        fits = [t for t in rest if _are_phones({s.label.strip() for s in t.spans})]
         phones = sorted(fits, key=lambda t: -len(t.spans))[:1]
     if not phones and not words and len(rest) == 1:
         return single_tier(source, rest[0].spans, alphabet, slack=slack)
