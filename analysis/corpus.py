@@ -264,12 +264,18 @@ def _read_script(script: Path, size: int, changed: int) -> Timing | list[str]:
     if script.suffix.lower() == ".txt":
         return read_words(script)
     try:
-        return read_timing(script)
+        timing = read_timing(script)
     except TimingError as error:
         if script.suffix.lower() == ".lab":
             with suppress(TimingError):  # Words may stand in it, too; else the first error counts.
                 return read_words(script)
         raise error
+    if timing.shapes_only:
+        raise TimingError(
+            f"{script}: holds mouth shapes, which do not say what is spoken; put the words beside "
+            "the clip"
+        )
+    return timing
 
 
 def _unused(complaints: Sequence[TimingError]) -> tuple[str, ...]:
