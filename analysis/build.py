@@ -22,10 +22,12 @@ import cv2
 from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from analysis.aam_points import read_marks
 from analysis.align import Aligner, AlignSettings
 from analysis.assemble import assemble
 from analysis.clip import AnalysedClip, analyse_clip
 from analysis.corpus import Clip, find_clips
+from analysis.corpus_lips import LipSettings, check_source
 from analysis.face import FaceFinder, FaceSettings
 from analysis.g2p import speaking_lexicon
 from analysis.guide import GuideSettings
@@ -61,7 +63,7 @@ class BuildSettings:
         Focal length of the camera in pixels; assumed where it is not known.
     codec : str
         Codec of the stored pictures.
-    face, motion, crop, texture, align, lag, guide
+    face, motion, crop, texture, align, lag, guide, lips
         Settings of the steps.
     """
 
@@ -74,6 +76,7 @@ class BuildSettings:
     align: AlignSettings = field(default_factory=AlignSettings)
     lag: LagSettings = field(default_factory=LagSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
+    lips: LipSettings = field(default_factory=LipSettings)
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,8 @@ def build_database(
     tell = progress or (lambda stage, done, total: None)
     target = Path(output)
     find_codec(chosen.codec)
+    check_source(chosen.lips.source)
+    marks = read_marks(chosen.lips.marks) if chosen.lips.marks else None
     if not target.parent.is_dir():
         raise DatabaseError(f"{target}: the folder {target.parent} does not exist; make it first")
     if target.is_dir():
@@ -210,6 +215,9 @@ def build_database(
                 texture=chosen.texture,
                 lag=chosen.lag,
                 guide=chosen.guide,
+                lips=chosen.lips,
+                marks=marks,
+                codec=chosen.codec,
                 jobs=jobs,
                 settings=asdict(chosen),
                 skipped=skipped,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,7 @@ def write_shard(path: Path, clip: AnalysedClip) -> Shard:
         landmarks=clip.face.landmarks,
         rotation=clip.face.poses.rotations,
         translation=clip.face.poses.translations,
+        camera=np.array(astuple(clip.face.camera), np.float64),
         mouth_width=clip.lips.width,
         mouth_height=clip.lips.height,
         inner_opening=clip.lips.opening,

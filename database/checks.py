@@ -22,6 +22,7 @@ from database.schema import (
     Phones,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import SMALL_GAP
@@ -210,3 +211,20 @@ def check_sound(steps: npt.NDArray[np.int32], n_steps: int) -> None:
     """Check that the sequences' sounds are all of the sound there is."""
     if (steps < 0).any() or int(steps.sum(dtype=np.int64)) != n_steps:
         raise ValueError(f"sound/steps do not add up to the {n_steps} of sound/features")
+
+
+def check_lips(lips: UnitLips) -> None:
+    """Check the lip model: numbers to divide by, and no variance below zero."""
+    model = lips.model
+    for name, values in {"points": lips.points, **model.as_arrays()}.items():
+        check_finite(f"lips/{name}", values)
+    if min(model.scale, model.energy) <= 0 or model.blur < 0:
+        raise ValueError("lips/numbers must be positive")
+    if (model.shape_variances < 0).any():
+        raise ValueError("lips/shape_variances holds a negative variance")
+    _check_below("lips/found", lips.found, 2)
+    for i, level in enumerate(model.levels):
+        if not (level.region == 1).any() or (level.region > 1).any():
+            raise ValueError(f"lips/level{i}/region must be 0 or 1, and not all 0")
+        if (level.variances <= 0).any() or (level.noise <= 0).any():
+            raise ValueError(f"lips/level{i}: variances and noise must be positive")

@@ -20,16 +20,19 @@ import numpy.typing as npt
 
 from database import checks
 from database.errors import DatabaseError
+from database.lip_model import LipModel
 from database.mask import N_VERTICES, Camera, Mask, MouthPatch
 from database.pictures import CODECS, Picture, decode
 from database.schema import (
     F32,
+    FIELDS,
     GUIDES,
     CostModel,
     GuideModel,
     Phones,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.storage import open_file, read_field, read_text_attribute, reading
@@ -222,6 +225,23 @@ class UnitDatabase:
             part = GuideModel(**self._group(f"guide_{kind}", GuideModel))
             checks.check_guide(kind, part)
             return part
+
+    @cached_property
+    def lips(self) -> UnitLips | None:
+        """The lip model and each unit's 20 points; None where the face mesh's contours stand."""
+        with reading(self.path):
+            if "lips" not in self._file:
+                return None
+            names = [f.path for f in FIELDS if f.path.startswith("lips/")]
+            arrays = {name.partition("/")[2]: self._read(name) for name in names}
+            part = UnitLips(LipModel.from_arrays(arrays), arrays["points"], arrays["found"])
+            checks.check_lips(part)
+            return part
+
+    @property
+    def lip_model(self) -> LipModel | None:
+        """The active appearance model of the lips, if the database holds one."""
+        return None if self.lips is None else self.lips.model
 
     def sound(self, i: int) -> npt.NDArray[np.float16] | None:
         """Features of a sequence's sound, in the time of its phones; None where it has none.
