@@ -67,9 +67,9 @@ class LipFitSettings:
     iterations: tuple[int, ...] = (10, 8)
     tolerance: float = 0.005
     sharpness: float = 0.075
-    shift: float = 0.02
-    turn: float = 0.02
-    scale: float = 0.02
+    shift: float = 0.03
+    turn: float = 0.03
+    scale: float = 0.03
     bend: float = 0.012
     reach: float = 0.35
     anchor: float = 0.0

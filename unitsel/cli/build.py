@@ -6,6 +6,7 @@ import argparse
 import os
 
 from analysis.build import BuildReport, BuildSettings, build_database
+from analysis.corpus_lips import SOURCES, LipSettings
 from database.pictures import CODECS
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
@@ -52,6 +53,19 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         default="png",
         help="codec of the stored mouths: png is lossless, webp visually so (default: png)",
     )
+    parser.add_argument(
+        "--lips",
+        choices=SOURCES,
+        default=LipSettings.source,
+        help="measure lips by a lip model (aam) or on the face mesh's smoothed contours "
+        f"(default: {LipSettings.source})",
+    )
+    parser.add_argument(
+        "--lip-points",
+        metavar="FILE.csv",
+        help="frames whose 20 lip points were marked by hand (clip,frame,point,x,y), to train the "
+        "lip model on",
+    )
     add_models(parser)
     return parser
 
@@ -61,7 +75,11 @@ def run(options: argparse.Namespace, output: Output) -> None:
     report = build_database(
         options.corpus,
         options.output,
-        settings=BuildSettings(focal=options.focal, codec=options.codec),
+        settings=BuildSettings(
+            focal=options.focal,
+            codec=options.codec,
+            lips=LipSettings(source=options.lips, marks=options.lip_points),
+        ),
         jobs=options.jobs,
         limit=options.limit,
         exclude=[name.strip() for name in options.exclude.split(",") if name.strip()],
