@@ -13,6 +13,7 @@ from analysis.corpus_lips import CorpusLips, LipSettings, fit_corpus_lips
 from analysis.cost_model import fit_cost_model
 from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
+from analysis.phone_marks import SpokenClip, mark_phones
 from analysis.shards import Shard, read_shard
 from analysis.texture import (
     TextureSettings,
@@ -39,7 +40,7 @@ def assemble(
     lag: LagSettings,
     guide: GuideSettings,
     lips: LipSettings,
-    marks: Marks | None,
+    lip_marks: Marks | None,
     codec: str,
     jobs: int,
     settings: dict[str, Any],
@@ -56,7 +57,7 @@ def assemble(
         Of the database.
     texture, lag, guide, lips
         Settings of what depends on all clips.
-    marks : Marks, optional
+    lip_marks : Marks, optional
         Lips marked by hand.
     codec : str
         Of the shards' pictures.
@@ -100,7 +101,7 @@ def assemble(
         mask=mask,
         codec=codec,
         settings=lips,
-        marks=marks,
+        marks=lip_marks,
         jobs=jobs,
         tell=tell,
     )
@@ -151,6 +152,12 @@ def assemble(
         start=np.concatenate([t.boundaries[:-1] for t in tracks]),
         end=np.concatenate([t.boundaries[1:] for t in tracks]),
     )
+    spoken = [
+        SpokenClip((numbers + 0.5) / fps, opening, heard)
+        for numbers, opening, heard in zip(
+            frames, np.split(joined("inner_opening"), first[1:]), sound, strict=True
+        )
+    ]
     parameters = np.split(mouth_parameters(units), first[1:])
     learnt = [
         GuideClip(track, (numbers + 0.5) / fps, mouths, heard)
@@ -181,6 +188,7 @@ def assemble(
         camera=camera,
         texture=model,
         costs=fit_cost_model(units, context, model.eigenvalues, fps),
+        marks=mark_phones(phones, spoken),
         sound=sound,
         guides=fit_guides(learnt, guide, jobs, tell),
         lips=_unit_lips(found),

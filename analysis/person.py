@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,13 +23,28 @@ _BETWEEN_LIPS: Final = (13, 14)
 _NOSE_TIP: Final = 1
 
 
-def find_person(
+@dataclass(frozen=True)
+class Person:
+    """What a build knows of the person before it looks at the clips one by one.
+
+    Parameters
+    ----------
+    mask : Mask
+    camera : Camera
+        Of the pictures that the mask was made of.
+    """
+
+    mask: Mask
+    camera: Camera
+
+
+def study_person(
     videos: Sequence[Path],
     finder: FaceFinder,
     *,
     focal: float | None = None,
     crop: CropSettings | None = None,
-) -> tuple[Mask, Camera]:
+) -> Person:
     """Make the person's mask of the first good frame: frontal, upright, lips together.
 
     Parameters
@@ -41,8 +57,7 @@ def find_person(
 
     Returns
     -------
-    mask : Mask
-    camera : Camera
+    Person
 
     Raises
     ------
@@ -77,7 +92,7 @@ def find_person(
             f"{videos[0]}: shows no face{others}; film one face that looks into the camera"
         )
     _, mesh, camera = best
-    return make_mask(mesh.points, camera, crop), camera
+    return Person(make_mask(mesh.points, camera, crop), camera)
 
 
 def _fault(points: npt.NDArray[np.float32], width: int, height: int) -> float:

@@ -14,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from database.mask import Camera, Mask
-from database.phonemes import N_PHONEMES, VISEME_OF
+from database.phonemes import CLOSURES, N_PHONEMES, SILENCE, VISEME_OF
 from database.schema import (
     CostModel,
     Field,
     GuideModel,
+    PhoneMarks,
     Phones,
     Sequences,
     TextureModel,
@@ -163,6 +164,22 @@ def check_phones(phones: Phones, n_sequences: int) -> None:
             f"phones/start[{i}] is {phones.start[i]:g} s, but the phone before it ends at "
             f"{phones.end[i - 1]:g} s"
         )
+
+
+def check_marks(marks: PhoneMarks, phones: Phones) -> None:
+    """Check that marks are of p, b, m and silences, one a phone, in order, none backwards."""
+    _check_finite_fields("marks", marks)
+    _check_below("marks/phone", marks.phone, len(phones.phoneme))
+    if (np.diff(marks.phone) <= 0).any():
+        raise ValueError("marks/phone must ascend")
+    if not np.isin(phones.phoneme[marks.phone], [SILENCE, *CLOSURES]).all():
+        raise ValueError("marks/phone names a phone that is neither p, b, m nor silence")
+    if (marks.start < 0).any() or (marks.end <= marks.start).any():
+        raise ValueError("marks/end must be after marks/start, and that not below 0")
+    for name in ("sound", "lips"):
+        _check_below(f"marks/{name}", getattr(marks, name), 2)
+    if not (marks.sound | marks.lips).all():
+        raise ValueError("marks/sound and marks/lips: a mark that neither shows")
 
 
 def check_mask(mask: Mask, camera: Camera) -> None:

@@ -29,6 +29,7 @@ from database.schema import (
     GUIDES,
     CostModel,
     GuideModel,
+    PhoneMarks,
     Phones,
     Sequences,
     TextureModel,
@@ -164,6 +165,16 @@ class UnitDatabase:
         with reading(self.path):
             part = Phones(**self._group("phones", Phones))
             checks.check_phones(part, self._sizes["S"])
+            return part
+
+    @cached_property
+    def marks(self) -> PhoneMarks:
+        """Closures and rests that were found in sound and lips; none in an older database."""
+        with reading(self.path):
+            if "marks" not in self._file:
+                return PhoneMarks.none()
+            part = PhoneMarks(**self._group("marks", PhoneMarks))
+            checks.check_marks(part, self.phones)
             return part
 
     @cached_property

@@ -176,6 +176,13 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("phones/phoneme", "uint8", ("P",), "index", "phoneme (Table 1)"),
     Field("phones/start", "float64", ("P",), "s", "start, in the clip's time"),
     Field("phones/end", "float64", ("P",), "s", "end, in the clip's time"),
+    Field("marks/phone", "int32", ("M",), "index",
+          "phone of each mark: p, b or m whose closure was found, or a silence in which mouth and "
+          "voice rest (analysis/phone_marks.py)", optional=True),
+    Field("marks/start", "float64", ("M",), "s", "start, in the clip's time", optional=True),
+    Field("marks/end", "float64", ("M",), "s", "end, in the clip's time", optional=True),
+    Field("marks/sound", "uint8", ("M",), "0 or 1", "whether the sound shows it", optional=True),
+    Field("marks/lips", "uint8", ("M",), "0 or 1", "whether the lips show it", optional=True),
     Field("mask/vertices", "float32", (468, 3), "mm", "face mesh of the person, mask frame"),
     Field("mask/grid", "float32", ("rows", "columns", 3), "mm",
           "surface around the mouth, mask frame (database/mask.py)"),
@@ -293,6 +300,27 @@ class Phones:
 
 
 @dataclass(frozen=True)
+class PhoneMarks:
+    """The M closures and rests found in sound and lips, at time resolution; see `FIELDS`."""
+
+    phone: npt.NDArray[np.int32]
+    start: npt.NDArray[np.float64]
+    end: npt.NDArray[np.float64]
+    sound: npt.NDArray[np.uint8]
+    lips: npt.NDArray[np.uint8]
+
+    @classmethod
+    def none(cls) -> PhoneMarks:
+        """No marks."""
+        nowhere = np.zeros(0)
+        nothing = np.zeros(0, np.uint8)
+        return cls(np.zeros(0, np.int32), nowhere, nowhere, nothing, nothing)
+
+    def __len__(self) -> int:
+        return len(self.phone)
+
+
+@dataclass(frozen=True)
 class TextureModel:
     """PCA of the normalised crops and the lighting they are normalised to; see `FIELDS`."""
 
@@ -349,6 +377,7 @@ class DatabaseContent:
     camera: Camera
     texture: TextureModel
     costs: CostModel
+    marks: PhoneMarks = field(default_factory=PhoneMarks.none)
     sound: tuple[npt.NDArray[np.float16], ...] = ()
     guides: dict[str, GuideModel] = field(default_factory=dict)
     lips: UnitLips | None = None

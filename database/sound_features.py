@@ -61,6 +61,11 @@ def sound_features(sound: Sound) -> F32:
     return np.asarray((mel - mel.mean(axis=0)) / spread, dtype=np.float32)
 
 
+def band_centres() -> npt.NDArray[np.float64]:
+    """Frequencies of the 26 bands' middles, hertz."""
+    return _edges()[1:-1]
+
+
 def moved_features(features: npt.NDArray[Any], seconds: float) -> npt.NDArray[Any]:
     """Features that come later by some seconds (earlier below 0); the ends repeat."""
     place = np.arange(len(features)) - round(seconds * FEATURE_RATE)
@@ -98,9 +103,14 @@ def around(
 
 def _filters() -> npt.NDArray[np.float64]:
     """Triangular filters, evenly spaced on the mel scale, (BANDS, WINDOW // 2 + 1)."""
-    mel = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
-    hertz = 700 * (10 ** (np.linspace(mel[0], mel[1], BANDS + 2) / 2595) - 1)
+    hertz = _edges()
     bins = np.arange(WINDOW // 2 + 1) * (SPEECH_RATE / WINDOW)
     rise = (bins - hertz[:-2, None]) / (hertz[1:-1] - hertz[:-2])[:, None]
     fall = (hertz[2:, None] - bins) / (hertz[2:] - hertz[1:-1])[:, None]
     return np.asarray(np.clip(np.minimum(rise, fall), 0.0, None))
+
+
+def _edges() -> npt.NDArray[np.float64]:
+    mel = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
+    edges = 700 * (10 ** (np.linspace(mel[0], mel[1], BANDS + 2) / 2595) - 1)
+    return np.asarray(edges, dtype=np.float64)

@@ -31,6 +31,7 @@ from database.schema import (
     DatabaseContent,
     Field,
     GuideModel,
+    PhoneMarks,
     Phones,
     Sequences,
     TextureModel,
@@ -180,6 +181,8 @@ def _prepare(
     for name in ("costs/target_scale", "costs/visual_scale"):
         values[name] = [values[name]]
     patch, camera = content.mask.patch, content.camera
+    if len(content.marks):
+        values |= {f"marks/{f.name}": getattr(content.marks, f.name) for f in fields(PhoneMarks)}
     if any(len(s) for s in content.sound):
         values["sound/features"] = np.concatenate(content.sound)
         values["sound/steps"] = [len(s) for s in content.sound]
@@ -211,7 +214,10 @@ def _prepare(
     checks.check_fps(content.fps)
     checks.check_sequences(sequences, sizes["N"])
     checks.check_units(stored("units", Units), sequences)
-    checks.check_phones(stored("phones", Phones), sizes["S"])
+    phones = stored("phones", Phones)
+    checks.check_phones(phones, sizes["S"])
+    if "marks/phone" in arrays:
+        checks.check_marks(stored("marks", PhoneMarks), phones)
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))

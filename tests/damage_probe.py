@@ -19,7 +19,7 @@ from database.schema import GUIDES
 
 MEMBERS = (
     *("fps", "codec", "settings", "versions", "report", "units", "sequences"),
-    *("phones", "mask", "camera", "texture", "costs", "guides", "selection"),
+    *("phones", "mask", "camera", "texture", "costs", "guides", "lips", "selection"),
 )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from database.cost_definition import feature_groups
+from database.lip_model import LEVELS, LipLevel, LipModel
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
@@ -25,9 +26,11 @@ from database.schema import (
     CostModel,
     DatabaseContent,
     GuideModel,
+    PhoneMarks,
     Phones,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import PhonemeTrack
@@ -77,7 +80,7 @@ def make_content(
     phonemes : sequence of str, optional
         Phonemes to speak; all but `LACKING` by default.
     guided : bool
-        With random sound and guides, and a stored document of settings.
+        With random sound, marks and guides, and a stored document of settings.
     names : sequence of str, optional
         Clip names; ``clip00`` and so on by default.
 
@@ -173,7 +176,8 @@ def make_content(
     if guided:
         sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
         guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
-        content = replace(content, sound=sound, guides=guides)
+        content = replace(content, sound=sound, guides=guides, marks=_marks(content.phones))
+        content = replace(content, lips=_lips(rng, len(units)))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -184,6 +188,19 @@ def make_database(path: str | Path, *, codec: str = "png", **settings: Any) -> P
     if content.guides:
         store_selection(path, {"made_up": True})
     return Path(path)
+
+
+def _marks(phones: Phones) -> PhoneMarks:
+    """Mark the inner half of every closure and silence."""
+    marked = np.flatnonzero(np.isin(phones.phoneme, [SILENCE, *CLOSURES]))
+    start, length = phones.start[marked], (phones.end - phones.start)[marked]
+    return PhoneMarks(
+        marked.astype(np.int32),
+        start + length / 4,
+        start + 3 * length / 4,
+        np.ones(len(marked), np.uint8),
+        (marked % 2).astype(np.uint8),
+    )
 
 
 def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
@@ -203,6 +220,38 @@ def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
         gain=np.ones(outputs, dtype=np.float32),
         skill=np.zeros(outputs, dtype=np.float32),
     )
+
+
+def _lips(rng: np.random.Generator, n: int) -> UnitLips:
+    """A random lip model; a trained one takes pictures (tests/test_lip_model.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return np.abs(rng.normal(size=shape)).astype(np.float32) + 0.1
+
+    levels = [
+        LipLevel(
+            np.array([2, 3], np.int32),
+            np.ones((4, 5), np.uint8),
+            some(2, 4, 5),
+            some(3, 2, 4, 5),
+            some(3),
+            some(2, 4, 5),
+        )
+        for _ in range(LEVELS)
+    ]
+    model = LipModel(
+        scale=0.5,
+        blur=0.3,
+        energy=400.0,
+        mean_shape=some(20, 2),
+        shape_modes=some(2, 40),
+        shape_variances=some(2),
+        template=some(20, 2),
+        start_bias=some(20, 2),
+        start_covariance=some(40, 40),
+        levels=tuple(levels),
+    )
+    return UnitLips(model, some(n, 20, 2), np.ones(n, np.uint8))
 
 
 def _speak(

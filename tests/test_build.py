@@ -34,11 +34,12 @@ def db(puppet_db):
 
 @pytest.fixture
 def no_traces(tmp_path):
-    """Give a folder for the output; afterwards it holds databases, nothing half-written."""
+    """Give a folder for the output; afterwards it holds databases and kept clips, nothing else."""
     folder = tmp_path / "out"
     folder.mkdir()
     yield folder
-    assert [p.name for p in folder.iterdir() if p.suffix != ".h5"] == []
+    assert [p.name for p in folder.iterdir() if p.suffix not in (".h5", ".shards")] == []
+    assert not list(folder.rglob("*.partial"))
 
 
 def expected_opening(puppet, db, s):
@@ -197,7 +198,14 @@ def test_settings_change_the_content(short_corpus, short_build, no_traces):
 def test_progress_is_told(short_build):
     _, told = short_build
     stages = list(dict.fromkeys(stage for stage, _, _ in told))
-    assert stages == ["finding the person", "analysing clips", "describing mouths", "writing"]
+    assert stages == [
+        "finding the person",
+        "analysing clips",
+        "describing mouths",
+        "training the lip model",
+        "fitting lips",
+        "writing",
+    ]
     for stage in stages:
         done = [d for s, d, _ in told if s == stage]
         (total,) = {t for s, _, t in told if s == stage}
@@ -257,7 +265,7 @@ def faulty(puppet, short_corpus, tmp_path_factory):
 def faulty_report(faulty, face_models, tmp_path_factory):
     folder = tmp_path_factory.mktemp("built")
     report = build_database(faulty, folder / "faulty.h5", jobs=2)
-    assert [p.name for p in folder.iterdir()] == ["faulty.h5"]
+    assert sorted(p.name for p in folder.iterdir()) == ["faulty.h5", "faulty.h5.shards"]
     return report
 
 
@@ -373,6 +381,7 @@ def test_a_corpus_of_nothing_but_faults(
         build_database(corpus, no_traces / "old.h5", jobs=1)
     assert "\n" not in str(caught.value)
     assert (no_traces / "old.h5").read_bytes() == b"what was there before"
+    assert [p.name for p in no_traces.iterdir()] == ["old.h5"]
 
 
 def test_guesses_are_noted_in_the_report(puppet, face_models, tmp_path, no_traces):

@@ -53,7 +53,10 @@ def test_build_reports_what_it_made_and_skipped_as_one_object(
     assert (status, err) == (0, "")
     assert out.count("\n") == 1
     report = json.loads(out)
-    assert set(report) == {"database", "units", "sequences", "skipped", "repaired", "seconds"}
+    assert set(report) == {
+        *("database", "units", "sequences", "skipped", "repaired", "seconds", "reused"),
+        *("damaged", "changed", "person", "shards", "shard_bytes", "estimate"),
+    }
     assert report["database"] == str(output)
     assert report["sequences"] == 2
     assert report["seconds"] > 0
@@ -69,7 +72,9 @@ def test_build_reports_what_it_made_and_skipped_as_one_object(
         assert len(database) == report["units"]
         assert database.sequences.name == ("good1", "good2")
         assert database.report["skipped"] == report["skipped"]
-    assert [p.name for p in tmp_path.iterdir()] == ["me.h5"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["me.h5", "me.h5.shards"]
+    assert report["shards"] == str(tmp_path / "me.h5.shards")
+    assert report["reused"] == 0 and "good1" in report["person"]
 
 
 def test_build_for_people_names_every_skipped_clip(faulty: Path, tmp_path: Path, run: Run) -> None:
@@ -97,29 +102,74 @@ def test_limit_spreads_over_the_sorted_names(puppet_corpus: Path, tmp_path: Path
         assert len(database) == json.loads(out)["units"]
 
 
-def test_an_interrupted_build_leaves_nothing(
-    puppet_corpus: Path, face_models: FaceModels, tmp_path: Path
+@pytest.mark.parametrize("after", ["nothing", "a clip"])
+def test_an_interrupted_build_leaves_whole_clips_and_no_noise(
+    puppet_corpus: Path, face_models: FaceModels, tmp_path: Path, after: str
 ) -> None:
     """As a terminal does it: every process of the build is interrupted at once."""
+    command = [
+        *(sys.executable, "-m", "unitsel", "build", str(puppet_corpus)),
+        *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json"),
+    ]
     build = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "unitsel", "build", str(puppet_corpus)),
-            *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json"),
-        ],
+        command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    give_up = time.monotonic() + 60
-    while not any(tmp_path.iterdir()) and build.poll() is None and time.monotonic() < give_up:
-        time.sleep(0.05)
-    assert any(tmp_path.iterdir()), "the build never began"
-    time.sleep(0.3)
+    # Workers start when the clips' folder is there; their first clip comes seconds later.
+    wanted = "me.h5.shards/*/*" + (".shard" if after == "a clip" else "")
+    give_up = time.monotonic() + 120
+    while not any(tmp_path.glob(wanted)) and build.poll() is None and time.monotonic() < give_up:
+        time.sleep(0.02)
+    assert any(tmp_path.glob(wanted)), "the build never came so far"
+    if after == "nothing":
+        time.sleep(0.3)
     os.killpg(build.pid, signal.SIGINT)
     out, err = build.communicate(timeout=60)
     assert build.returncode == 130, err
     assert "interrupted" in json.loads(out)["error"]
-    # A worker caught while it starts complains too; the last word is ours.
-    assert err.splitlines()[-1].startswith("unitsel: interrupted"), err
+    # No worker says a word, wherever it was caught.
+    assert err.count("\n") == 1 and err.startswith("unitsel: interrupted"), err
+    kept = list(tmp_path.glob("me.h5.shards/*/*.shard"))
+    assert [p.name for p in tmp_path.iterdir()] == (["me.h5.shards"] if kept else [])
+    assert bool(kept) == (after == "a clip")
+    assert not list(tmp_path.rglob("*.partial"))
+    marks = (f"sem.loky-{build.pid}-", f"joblib_memmapping_folder_{build.pid}_")
+    assert not [p for p in Path("/dev/shm").glob("*") if p.name.startswith(marks)]
+    if kept:
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+        assert json.loads(done.stdout)["reused"] == len(kept)
+
+
+def test_an_estimate_is_told_without_the_work(faulty: Path, tmp_path: Path, run: Run) -> None:
+    arguments = ("build", faulty, "-o", tmp_path / "me.h5", "--estimate")
+    status, out, err = run(*arguments, "--json")
+    assert (status, err) == (0, "")
+    estimate = json.loads(out)["estimate"]
+    # One of the six cannot be opened, and each lasts 0.95 seconds.
+    assert estimate["clips"] == 5 and estimate["reused"] == 0
+    assert estimate["frames"] == pytest.approx(5 * 24, abs=5)
+    assert 0 < estimate["seconds"] < 600
+    assert estimate["free_bytes"] > estimate["needed_bytes"] > estimate["database_bytes"] > 0
     assert list(tmp_path.iterdir()) == []
+    status, out, _ = run(*arguments)
+    assert status == 0 and out.startswith("5 clips, ") and "of database" in out
+
+
+def test_kept_clips_are_named_and_can_be_discarded(faulty: Path, tmp_path: Path, run: Run) -> None:
+    chosen = ("--jobs", 1, "--exclude", "broken,faceless,mute,wordless")
+    output, elsewhere = tmp_path / "me.h5", tmp_path / "kept"
+    status, out, _ = run("build", faulty, "-o", output, *chosen, "--shards", elsewhere)
+    assert status == 0 and f"kept for a build of more in {elsewhere} (" in out
+    status, out, _ = run("build", faulty, "-o", output, *chosen, "--shards", elsewhere)
+    assert status == 0 and "from 2 clips (2 of them analysed before)" in out
+    status, out, _ = run("build", faulty, "-o", output, *chosen, "--discard-shards")
+    assert status == 0 and "analysed before" not in out and "are kept" not in out
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["kept", "me.h5"]
+    both = ("--discard-shards", "--shards", elsewhere)
+    status, _, err = run("build", faulty, "-o", output, *both)
+    assert status == 2 and "not allowed with" in err
+    status, out, _ = run("build", faulty, "-o", output, *chosen, "--person", "good2", "--restart")
+    assert status == 0 and "kept for a build of more in" in out

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from database.phonemes import N_PHONEMES, N_VISEMES, PHONEMES, VISEMES
+from database.phonemes import CLOSURES, N_PHONEMES, N_VISEMES, PHONEMES, SILENCE, VISEMES
 from database.reader import UnitDatabase
 from database.schema import GuideModel
 
@@ -35,6 +35,9 @@ class Inspection:
         Phonemes without any unit.
     ranges : dict of str to (low, median, high)
         1st, 50th and 99th percentile of the parameters, in the units of `database.schema`.
+    marks : dict of str to dict
+        Of p, b, m and silences (``sil``): ``phones``, and of these those ``found`` closed or at
+        rest, in ``both`` sound and lips.
     guides : dict of str to (r of the first PCA weight, r of the mouth height)
         How well each guide predicts speech on clips that were held back from it.
     own_settings : dict
@@ -57,6 +60,7 @@ class Inspection:
     visemes: dict[str, int]
     missing_phonemes: tuple[str, ...]
     ranges: dict[str, tuple[float, float, float]]
+    marks: dict[str, dict[str, int]]
     guides: dict[str, tuple[float, float]]
     own_settings: dict[str, Any]
     skipped: tuple[dict[str, Any], ...]
@@ -110,6 +114,7 @@ def inspect_database(database: UnitDatabase) -> Inspection:
         visemes={f"{v} {' '.join(g)}": int(by_viseme[v]) for v, g in enumerate(VISEMES)},
         missing_phonemes=tuple(p for i, p in enumerate(PHONEMES) if by_phoneme[i] == 0),
         ranges={name: _range(values) for name, values in measured.items()},
+        marks=_marks(database),
         guides={kind: _skill(database.guide(kind)) for kind in database.guides},
         own_settings=database.selection,
         skipped=tuple(report.get("skipped", ())),
@@ -156,6 +161,21 @@ def extreme_units(database: UnitDatabase) -> dict[str, int]:
         found[f"least {name}"] = int(order[cut])
         found[f"most {name}"] = int(order[len(order) - 1 - cut])
     return found
+
+
+def _marks(database: UnitDatabase) -> dict[str, dict[str, int]]:
+    """Closures and rests that were found, of those spoken."""
+    spoken, marks = database.phones.phoneme, database.marks
+    of_mark = spoken[marks.phone]
+    both = (marks.sound & marks.lips).astype(bool)
+    return {
+        PHONEMES[p]: {
+            "phones": int((spoken == p).sum()),
+            "found": int((of_mark == p).sum()),
+            "both": int(((of_mark == p) & both).sum()),
+        }
+        for p in (*sorted(CLOSURES), SILENCE)
+    }
 
 
 def _skill(guide: GuideModel) -> tuple[float, float]:

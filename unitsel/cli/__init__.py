@@ -63,8 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if os.environ.get(DEBUG_ENV):
             raise
         return output.failed(str(error), USAGE_ERROR)
-    except KeyboardInterrupt:
-        return output.failed("interrupted; nothing half-written was left", 130)
+    except KeyboardInterrupt as error:
+        return output.failed(str(error) or "interrupted; nothing half-written was left", 130)
     except BrokenPipeError:
         # The reader of our output went away: no more to say, and nothing wrong with it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 
-from analysis.build import BuildReport, BuildSettings, build_database
+from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.corpus_lips import SOURCES, LipSettings
+from analysis.estimate import Estimate, size_text
 from database.pictures import CODECS
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
@@ -18,7 +20,9 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         "build",
         help="build a database from a folder of clips",
         description="Build a database from a folder of clips: media files, each with its words "
-        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it.",
+        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it. Analysed clips "
+        "are kept in DB.h5.shards: a build that was ended goes on where it was, and one of more "
+        "clips analyses only those.",
     )
     parser.add_argument("corpus", metavar="CORPUS_DIR")
     parser.add_argument("-o", "--output", metavar="DB.h5", required=True)
@@ -54,6 +58,32 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         help="codec of the stored mouths: png is lossless, webp visually so (default: png)",
     )
     parser.add_argument(
+        "--person",
+        default="",
+        metavar="NAMES",
+        help="clips to make the face's mask of, separated by commas, best first (default: the "
+        "first by name that show a good face); another mask means that all clips are analysed anew",
+    )
+    kept = parser.add_mutually_exclusive_group()
+    kept.add_argument(
+        "--shards",
+        metavar="DIR",
+        help="keep analysed clips there (default: DB.h5.shards, beside the database)",
+    )
+    kept.add_argument(
+        "--discard-shards",
+        action="store_true",
+        help="delete the analysed clips when the database is complete",
+    )
+    parser.add_argument(
+        "--restart", action="store_true", help="analyse all clips anew, whatever is kept"
+    )
+    parser.add_argument(
+        "--estimate",
+        action="store_true",
+        help="say how long the build will take and how much space it needs, and stop",
+    )
+    parser.add_argument(
         "--lips",
         choices=SOURCES,
         default=LipSettings.source,
@@ -70,33 +100,67 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     return parser
 
 
+class _OnlyEstimateError(Exception):
+    """Ends a build that was to be estimated only."""
+
+
 def run(options: argparse.Namespace, output: Output) -> None:
-    """Build and report."""
-    report = build_database(
-        options.corpus,
-        options.output,
-        settings=BuildSettings(
-            focal=options.focal,
-            codec=options.codec,
-            lips=LipSettings(source=options.lips, marks=options.lip_points),
-        ),
-        jobs=options.jobs,
-        limit=options.limit,
-        exclude=[name.strip() for name in options.exclude.split(",") if name.strip()],
-        models=options.models,
-        dictionary=options.dictionary,
-        progress=output.progress,
-    )
-    output.result(report.as_json(), _text(report))
+    """Build and report, or estimate and report that."""
+    told: list[Estimate] = []
+
+    def announce(estimate: Estimate) -> None:
+        told.append(estimate)
+        if options.estimate:
+            raise _OnlyEstimateError
+        if sys.stderr.isatty():
+            print(estimate.text(), file=sys.stderr)
+
+    try:
+        report = build_database(
+            options.corpus,
+            options.output,
+            settings=BuildSettings(
+                focal=options.focal,
+                codec=options.codec,
+                lips=LipSettings(source=options.lips, marks=options.lip_points),
+            ),
+            jobs=options.jobs,
+            limit=options.limit,
+            exclude=_names(options.exclude),
+            person=_names(options.person),
+            models=options.models,
+            dictionary=options.dictionary,
+            shards=ShardSettings(options.shards, not options.discard_shards, options.restart),
+            announce=announce,
+            progress=output.progress,
+        )
+    except _OnlyEstimateError:
+        output.result({"estimate": told[0].as_json()}, told[0].text())
+    else:
+        output.result(report.as_json(), _text(report))
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _text(report: BuildReport) -> str:
+    reused = f" ({report.reused} of them analysed before)" if report.reused else ""
     lines = [
-        f"{report.path}: {report.units} units from {report.sequences} clips in "
+        f"{report.path}: {report.units} units from {report.sequences} clips{reused} in "
         f"{report.seconds:.1f} s"
     ]
+    if report.changed:
+        lines.append(f"all clips were analysed anew: other {', '.join(report.changed)} than before")
+    if report.damaged:
+        lines.append(f"kept clips that were damaged and analysed anew: {', '.join(report.damaged)}")
     for title, entries in (("skipped", report.skipped), ("repaired", report.repaired)):
         if entries:
             lines.append(f"{title} ({len(entries)}):")
             lines += [f"  {clip}: {what}" for clip, what in entries]
+    if report.shards is not None:
+        lines.append(
+            f"analysed clips are kept for a build of more in {report.shards} "
+            f"({size_text(report.shard_bytes)}; they may be deleted)"
+        )
     return "\n".join(lines)

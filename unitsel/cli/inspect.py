@@ -50,6 +50,12 @@ def _text(found: Inspection) -> str:
         f"  {name:<16} {low:>9.2f} {middle:>9.2f} {high:>9.2f}"
         for name, (low, middle, high) in found.ranges.items()
     ]
+    if any(of["found"] for of in found.marks.values()):
+        lines.append("closures and rests found, of those spoken (in sound and lips both):")
+        lines += [
+            f"  {name:<16} {of['found']:>7} of {of['phones']} ({of['both']})"
+            for name, of in found.marks.items()
+        ]
     lines += [
         f"guide from {kind}: r_pca {pca:.2f}, r_h {height:.2f} in speech of clips held back"
         for kind, (pca, height) in found.guides.items()
