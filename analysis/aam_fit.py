@@ -338,23 +338,41 @@ def _prepare(model: LipModel, level: LipLevel, basis: F64, number: int) -> _Prep
 
 
 def _hessians(phi: F64, basis: F64, grad_x: F64, grad_y: F64, modes: F64, shrink: F64) -> F32:
-    """Hessians of all pairs of appearance weights, as the kernel adds them up."""
-    n = basis.shape[1]
-    warps = [np.tile(phi.T @ half, (CHANNELS, 1)) for half in np.split(basis, 2)]
-    descents = np.stack(
+    """Hessians of all pairs of appearance weights, as the kernel adds them up.
+
+    First by the template's points, where a pair is one product of gradients for each pixel and
+    a product of two points' weights, then by the parameters.
+    """
+    n, pixels = basis.shape[1], phi.shape[1]
+    across, down = (g.astype(np.float32) for g in (grad_x, grad_y))
+    weights = phi.astype(np.float32)
+    both = (weights[:, None] * weights[None]).reshape(-1, pixels).T
+    rows, columns = np.tril_indices(len(across))
+
+    def pairs(a: F32, b: F32) -> F64:
+        """Sums over the texture of all pairs' products, by two points, (pairs, 20, 20)."""
+        out = np.empty((len(rows), N_POINTS, N_POINTS))
+        for first in range(0, len(rows), 64):
+            part = slice(first, first + 64)
+            product = (a[rows[part]] * b[columns[part]]).reshape(-1, CHANNELS, pixels).sum(axis=1)
+            out[part] = (product @ both).reshape(-1, N_POINTS, N_POINTS)
+        return out
+
+    crossed = pairs(across, down)
+    by_points = np.concatenate(
         [
-            gx[:, None] * warps[0] + gy[:, None] * warps[1]
-            for gx, gy in zip(grad_x, grad_y, strict=True)
-        ]
-    ).astype(np.float32)
-    count, values = descents.shape[:2]
-    flat = descents.transpose(1, 0, 2).reshape(values, -1)
-    explained = np.sqrt(shrink)[:, None].astype(np.float32) * (modes.astype(np.float32) @ flat)
-    gram = (flat.T @ flat - explained.T @ explained).reshape(count, n, count, n)
-    gram = gram.transpose(0, 2, 1, 3)
-    pairs = []
-    for i in range(count):
-        for j in range(i + 1):
-            pair = gram[i, j] if i == j else gram[i, j] + gram[j, i]
-            pairs.append(pair.ravel())
-    return np.ascontiguousarray(np.stack(pairs), dtype=np.float32)
+            np.concatenate([pairs(across, across), crossed], axis=2),
+            np.concatenate([pairs(down, across), pairs(down, down)], axis=2),
+        ],
+        axis=1,
+    )
+    # What the appearance explains is no error.
+    spread = np.tile(weights.T, (CHANNELS, 1))
+    scaled = (np.sqrt(shrink)[:, None] * modes).astype(np.float32)
+    halves = [[(scaled * g[i]) @ spread for i in range(len(g))] for g in (across, down)]
+    explained = np.concatenate([np.stack(half) for half in halves], axis=2).astype(np.float64)
+    explained = explained @ basis
+    out = basis.T @ by_points @ basis
+    out -= explained[rows].transpose(0, 2, 1) @ explained[columns]
+    out = np.where((rows == columns)[:, None, None], out, out + out.transpose(0, 2, 1))
+    return np.ascontiguousarray(out.reshape(-1, n * n), dtype=np.float32)

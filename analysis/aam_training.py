@@ -60,6 +60,8 @@ class LipTrainingSettings:
         linear, and should find nothing sharper.
     modes : int
         Most components of the appearance.
+    rough_modes : int
+        The same, of the models that refine the training points.
     shape_share : float
         Share of the shape's variance that its components explain.
     rim : float
@@ -86,6 +88,7 @@ class LipTrainingSettings:
     width: float = 64.0
     blur: float = 0.3
     modes: int = 16
+    rough_modes: int = 8
     shape_share: float = 0.98
     rim: float = 0.25
     trust: float = 0.5
@@ -197,9 +200,10 @@ def train_lip_model(
     refined = finest
     moved = []
     rough = replace(fitting, anchor=chosen.alike, bend=chosen.stiffness * fitting.bend)
+    few = replace(chosen, modes=min(chosen.modes, chosen.rough_modes))
     for _ in range(chosen.rounds):
         before = refined
-        found, _ = _cross_fitted(images, before, finest, by_hand, scale, chosen, rough)
+        found, _ = _cross_fitted(images, before, finest, by_hand, scale, few, rough)
         # What all of them move by is no error of the single frame.
         refined = found - (found - finest).mean(axis=0)
         moved.append(float(np.sqrt(((refined - before) ** 2).sum(axis=2).mean())) / scale)
@@ -351,8 +355,11 @@ def _appearance(
         lit = boxes - np.tensordot(lights.T, light_boxes, axes=1)
         mean = lit.mean(axis=0)
         away = lit - mean
-        left, singular, _ = np.linalg.svd(values(away) * root, full_matrices=False)
-        left, singular = left[:, :count], np.maximum(singular[:count], 1e-6)
+        # Few pictures of many values: by way of their products among themselves.
+        whitened = values(away) * root
+        squares, left = np.linalg.eigh(whitened @ whitened.T)
+        left = left[:, ::-1][:, :count]
+        singular = np.sqrt(np.maximum(squares[::-1][:count], 1e-12))
         modes = np.tensordot((left / singular).T, away, axes=1)
         if not last:
             rest = away - np.tensordot(left * singular, modes, axes=1)
