@@ -93,7 +93,7 @@ class LipTrainingSettings:
     rim: float = 0.25
     trust: float = 0.5
     opening: float = 0.10
-    rounds: int = 4
+    rounds: int = 3
     folds: int = 4
     mesh_error: float = 0.02
     mark_error: float = 0.006
