@@ -1,8 +1,10 @@
 """The lip model: how true it is where the lips are known, and how still it is where they rest.
 
-    python benchmarks/lips.py DB.h5 [PORTRAITS_DIR] [--clips N] [--plots DIR]
+    python benchmarks/lips.py DB.h5 [PORTRAITS_DIR] [--clips N] [--lip-points FILE] [--plots DIR]
 
-A model is built on half of the clips; what is printed is of the others.
+With points marked by hand (grid_s1_lips.csv: 20 frames of GRID's first speaker) the model is
+trained on them instead of on the face mesh's. Where those frames are of the held-back half, they
+count there too. Else a model is built on half of the clips; what is printed is of the others.
 
 Known warps: frames are moved, turned, scaled and bent by smooth random fields that are not made
 from the model, and noise is added; the lips of the bent frame are compared with those of the
@@ -36,7 +38,12 @@ import numpy.typing as npt
 
 from analysis.aam import to_vector
 from analysis.aam_fit import LipFit, LipFitter, fit_clip
-from analysis.aam_points import contours_of_points, points_of_contours
+from analysis.aam_points import (
+    contours_of_points,
+    marks_in_crop,
+    points_of_contours,
+    read_marks,
+)
 from analysis.aam_training import choose_frames, train_lip_model
 from analysis.face import FaceFinder, FaceSettings
 from analysis.lips import lip_geometry
@@ -122,6 +129,26 @@ def look(db: UnitDatabase, sequence: int, plain: FaceFinder | None) -> Look:
             quiet |= (times >= start) & (times <= end)
     speech = (times >= edges[spoken[0]]) & (times <= edges[spoken[-1] + 1])
     return Look(db.pictures(rows), contours[0], contours[1], numbers, quiet, speech)
+
+
+def read_marked_frames(
+    db: UnitDatabase, file: Path
+) -> list[tuple[npt.NDArray[np.uint8], F64, F64]]:
+    """Crop, the face mesh's points and the hand's points of the marked frames."""
+    marks, found = read_marks(file), []
+    for name in sorted({clip for clip, _ in marks} & set(db.sequences.name)):
+        sequence = db.sequences.name.index(name)
+        one = look(db, sequence, None)
+        first = int(db.sequences.first_unit[sequence])
+        rows = np.arange(first, first + len(one.crops))
+        own = {number: points for (clip, number), points in marks.items() if clip == name}
+        poses = Poses(db.units.rotation[rows], db.units.translation[rows])
+        in_crop = marks_in_crop(own, poses, one.numbers, db.mask, db.camera)
+        found += [
+            (one.crops[i], points_of_contours(one.contours[i]), points)
+            for i, points in in_crop.items()
+        ]
+    return found
 
 
 def known_warps(fitter: LipFitter, held: list[Look]) -> None:
@@ -255,6 +282,7 @@ def main() -> None:
     parser.add_argument("portraits", type=Path, nargs="?", metavar="PORTRAITS_DIR")
     parser.add_argument("--clips", type=int, default=48, metavar="N", help="half of them train")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="write overlays")
+    parser.add_argument("--lip-points", type=Path, metavar="FILE.csv", help="train on these")
     options = parser.parse_args()
     path = options.database or Path("out/demo.h5")
     if not path.is_file():
@@ -267,6 +295,7 @@ def main() -> None:
         taken_in = np.linspace(0, len(db.sequences) - 1, min(options.clips, len(db.sequences)))
         recorded = all(Path(m).is_file() for m in db.sequences.media)
         looks = [look(db, int(s), plain if recorded else None) for s in taken_in]
+        marked = read_marked_frames(db, options.lip_points) if options.lip_points else []
     reduced = [np.stack([reduce_crop(c) for c in one.crops]) for one in looks]
     training, held = looks[::2], looks[1::2]
     reference = np.mean([mean_log(r) for r in reduced[::2]], axis=0)
@@ -278,13 +307,19 @@ def main() -> None:
 
     frames = [(one, i) for one in training for i in range(len(one.crops))]
     chosen = [frames[k] for k in choose_frames(np.concatenate(weights[::2]), 40)]
+    crops = [m[0] for m in marked] or [one.crops[i] for one, i in chosen]
+    mesh = [m[1] for m in marked] or [points_of_contours(one.contours[i]) for one, i in chosen]
+    points = [m[2] for m in marked] or mesh
     started = time.perf_counter()
     trained = train_lip_model(
-        [one.crops[i] for one, i in chosen],
-        np.stack([points_of_contours(one.contours[i]) for one, i in chosen]),
+        crops,
+        np.stack(points),
+        marked=np.full(len(crops), bool(marked)),
+        starts=np.stack(mesh),
     )
+    source = "marked by hand" if marked else f"of {len(training)} clips"
     print(
-        f"model: {len(chosen)} frames of {len(training)} clips, built in "
+        f"model: {len(crops)} frames {source}, built in "
         f"{time.perf_counter() - started:.1f} s (the first time with compilation); points moved "
         f"by {', '.join(f'{m:.2f}' for m in trained.moved)} px of the crop"
     )
