@@ -19,12 +19,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from analysis.aam_points import read_marks
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
 from analysis.corpus import find_clips
-from analysis.corpus_lips import check_source
+from analysis.corpus_lips import read_lip_marks
 from analysis.estimate import Estimate
 from analysis.g2p import speaking_lexicon
 from analysis.interrupts import workers_uninterrupted
@@ -107,13 +106,12 @@ def build_database(
     kept = shards or ShardSettings()
     target = Path(output)
     find_codec(chosen.codec)
-    check_source(chosen.lips.source)
-    marks = read_marks(chosen.lips.marks) if chosen.lips.marks else None
     _check_output(target)
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
     clips = [c.absolute() for c in find_clips(corpus, limit=limit, exclude=exclude)]
+    marks = read_lip_marks(chosen.lips, [c.name for c in clips])
     speech = Speech(speaking_lexicon(dictionary), dictionary)
     face_models = find_models(models)
     folder = Path(kept.folder or target.with_name(target.name + SHARDS_SUFFIX)).absolute()

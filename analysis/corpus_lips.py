@@ -25,6 +25,7 @@ from analysis.aam_points import (
     contours_of_points,
     marks_in_crop,
     points_of_contours,
+    read_marks,
 )
 from analysis.aam_training import (
     FEWEST,
@@ -190,7 +191,7 @@ def fit_corpus_lips(
     Raises
     ------
     CorpusError
-        If none of the marks is of a frame of these clips.
+        If none of the marked frames is of these clips and shows the face.
     """
     if settings.source != "aam" or sum(len(p) for p in pca) < FEWEST:
         return None
@@ -240,12 +241,6 @@ def _train(
     """Build the model on marked frames, and on chosen ones of the face mesh to fill up."""
     ends = np.cumsum([len(p) for p in pca])
     total = int(ends[-1])
-    names = {shard.name for shard in shards}
-    if marks and not any(clip in names for clip, _ in marks):
-        raise CorpusError(
-            f"{settings.marks}: marks no clip of this corpus; its first is "
-            f"{next(iter(marks))[0]!r}, the corpus's {shards[0].name!r}"
-        )
     chosen = set(choose_frames(np.concatenate(pca), min(settings.training.frames, total)))
     crops: list[npt.NDArray[np.uint8]] = []
     mesh: list[F64] = []
@@ -307,13 +302,31 @@ def _camera(numbers: npt.NDArray[np.float64]) -> Camera:
     return Camera(focal, cx, cy, int(width), int(height))
 
 
-def check_source(source: str) -> None:
-    """Raise if lips cannot be measured on it.
+def read_lip_marks(settings: LipSettings, clips: Sequence[str]) -> Marks | None:
+    """Check the settings before the work begins, and read the points marked by hand.
+
+    Parameters
+    ----------
+    settings : LipSettings
+    clips : sequence of str
+        Names of the corpus's clips.
 
     Raises
     ------
     CorpusError
-        Naming what there is.
+        If lips cannot be measured on the source, or the file of marks cannot be read or marks
+        none of the clips.
     """
-    if source not in SOURCES:
-        raise CorpusError(f"lips are measured on {' or '.join(SOURCES)}, not on {source!r}")
+    if settings.source not in SOURCES:
+        raise CorpusError(
+            f"lips are measured on {' or '.join(SOURCES)}, not on {settings.source!r}"
+        )
+    if settings.marks is None:
+        return None
+    marks = read_marks(settings.marks)
+    if not {clip for clip, _ in marks} & set(clips):
+        raise CorpusError(
+            f"{settings.marks}: marks no clip of this corpus; its first is "
+            f"{next(iter(marks))[0]!r}, the corpus's {clips[0]!r}"
+        )
+    return marks

@@ -20,7 +20,8 @@ from analysis.aam_points import (
     read_marks,
 )
 from analysis.aam_training import FEWEST, LipTrainingSettings, choose_frames, train_lip_model
-from analysis.corpus_lips import check_source, find_lips
+from analysis.build import BuildSettings, ShardSettings, build_database
+from analysis.corpus_lips import LipSettings, find_lips, read_lip_marks
 from database.errors import CorpusError, FaceError
 from database.lip_model import LipModel
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
@@ -265,9 +266,15 @@ def test_bad_marks_are_refused_in_one_line(tmp_path, text, said):
         read_marks(tmp_path / "none.csv")
 
 
-def test_an_unknown_source_of_lips_is_refused():
+def test_settings_of_lips_are_checked_before_the_work(tmp_path):
     with pytest.raises(CorpusError, match="aam or mesh, not on 'eyes'"):
-        check_source("eyes")
+        read_lip_marks(LipSettings(source="eyes"), ["one"])
+    assert read_lip_marks(LipSettings(), ["one"]) is None
+    file = tmp_path / "lips.csv"
+    file.write_text("\n".join(["clip,frame,point,x,y", *(f"two,3,{k},1,1" for k in range(20))]))
+    assert read_lip_marks(LipSettings(marks=str(file)), ["one", "two"]) is not None
+    with pytest.raises(CorpusError, match="marks no clip of this corpus; its first is 'two'"):
+        read_lip_marks(LipSettings(marks=str(file)), ["one"])
 
 
 def test_databases_without_a_lip_model_open(small_db):
@@ -284,3 +291,46 @@ def test_builds_keep_their_lip_model(puppet_db):
         assert said["marked"] == 0 and FEWEST <= said["trained_on"] <= 40
         outer = database.lips.points[:, :12]
         assert np.corrcoef(np.ptp(outer[..., 1], axis=1), database.units.mouth_height)[0, 1] > 0.99
+
+
+def build_again(puppet_corpus, puppet_db, output, lips):
+    """Build from the clips that were analysed for the puppet's database."""
+    kept = ShardSettings(puppet_db.with_name(f"{puppet_db.name}.shards"))
+    return build_database(
+        puppet_corpus, output, settings=BuildSettings(lips=lips), jobs=1, shards=kept
+    )
+
+
+def test_marks_rule_where_the_lips_are(puppet_corpus, puppet_db, tmp_path):
+    """Two frames marked a tenth of the mouth's width lower move the lips of all."""
+    with open_database(puppet_db) as database:
+        name, ids = database.sequences.name[0], [*OUTER_POINTS, *INNER_POINTS]
+        frames, meshes = database.units.frame[[2, 9]], database.landmarks([2, 9])[:, ids]
+        before = database.lips.points
+    down = 0.1 * np.linalg.norm(meshes[0, RIGHT] - meshes[0, LEFT])
+    rows = [
+        f"{name},{frame},{k},{x:.3f},{y + down:.3f}"
+        for frame, mesh in zip(frames, meshes, strict=True)
+        for k, (x, y) in enumerate(mesh)
+    ]
+    file = tmp_path / "lips.csv"
+    file.write_text("\n".join(["clip,frame,point,x,y", *rows]))
+    output = tmp_path / "marked.h5"
+    report = build_again(puppet_corpus, puppet_db, output, LipSettings(marks=str(file)))
+    assert report.reused == report.sequences
+    with open_database(output) as database:
+        assert database.report["lips"]["marked"] == 2
+        lower = database.lips.points - before
+        width = np.linalg.norm(before[:, RIGHT] - before[:, LEFT], axis=1)
+    np.testing.assert_allclose(np.median(lower[..., 1].mean(axis=1) / width), 0.1, atol=0.02)
+    assert abs(np.median(lower[..., 0])) < 0.02 * np.median(width)
+
+
+def test_the_face_mesh_may_be_asked_for(puppet_corpus, puppet_db, tmp_path):
+    output = tmp_path / "mesh.h5"
+    build_again(puppet_corpus, puppet_db, output, LipSettings(source="mesh"))
+    with open_database(output) as mesh, open_database(puppet_db) as ours:
+        assert mesh.lips is None and "lips" not in mesh.report
+        heights = mesh.units.mouth_height, ours.units.mouth_height
+        assert np.corrcoef(*heights)[0, 1] > 0.95 and not np.array_equal(*heights)
+        np.testing.assert_array_equal(mesh.units.pca, ours.units.pca)
