@@ -65,7 +65,8 @@ test: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy --strict
-	$(RUN) UNITSEL_INSTALLED=1 $(BIN)/pytest
+	@# Two at a time; a file's tests share what they make, so they stay together.
+	$(RUN) UNITSEL_INSTALLED=1 $(BIN)/pytest -n 2 --dist loadfile
 
 bench: setup
 	@set -e; for file in benchmarks/*.py; do $(RUN) $(BIN)/python $$file; done

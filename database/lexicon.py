@@ -139,6 +139,10 @@ class Lexicon:
         variants = (tuple(map(to_arpabet, v)) for v in self.pronunciations(word))
         return list(dict.fromkeys(variants))
 
+    def words(self) -> list[str]:
+        """List all words that can be looked up as they are, sorted."""
+        return sorted({*self._own, *(_cmu_dictionary() if self._cmu else ())})
+
     def missing(self, words: Iterable[str]) -> list[str]:
         """List the words without a pronunciation, each once, in order."""
         return [w for w in dict.fromkeys(words) if not self._find(w)]

@@ -15,11 +15,10 @@ from pathlib import Path
 from database.errors import DatabaseError
 from database.fingerprint import content_hash
 from database.reader import UnitDatabase, open_database
-from database.schema import GUIDES
 
 MEMBERS = (
     *("fps", "codec", "settings", "versions", "report", "units", "sequences"),
-    *("phones", "mask", "camera", "texture", "costs", "guides", "lips", "selection"),
+    *("phones", "marks", "mask", "camera", "texture", "costs", "guides", "lips", "selection"),
 )
 
 
@@ -37,7 +36,7 @@ def reads(database: UnitDatabase):
     for s in range(2):
         yield f"track {s}", lambda s=s: database.sequence_track(s)
         yield f"sound {s}", lambda s=s: database.sound(s)
-    for kind in GUIDES:
+    for kind in database.guides:
         yield f"guide {kind}", lambda kind=kind: database.guide(kind)
     for i in range(len(database)):
         yield f"picture {i}", lambda i=i: database.picture(i)

@@ -56,7 +56,7 @@ def test_with_footage_it_writes_a_video_and_a_contact_sheet(
     assert sheet is not None and sheet.shape[1] == 8 * 200 and sheet.shape[0] % 400 == 0
     assert "out/demo.mp4" in out and left_out in out and "r =" in out
     assert sorted(p.name for p in Path("out").iterdir()) == [
-        *("demo.TextGrid", "demo.h5", "demo.mp4", "demo.png"),
+        *("demo.TextGrid", "demo.h5", "demo.h5.shards", "demo.mp4", "demo.png"),
     ]
 
 

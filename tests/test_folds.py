@@ -17,7 +17,7 @@ from database.pictures import encode
 from database.reader import UnitDatabase, open_database
 from database.writer import write_database
 from unitsel.likeness.evaluation import Evaluation, Evaluator
-from unitsel.likeness.folds import _fold_guides, evaluate_folds
+from unitsel.likeness.folds import evaluate_folds, guides_without
 from unitsel.settings import TARGETS, SelectionSettings, TargetSettings
 
 QUICK = GuideSettings(fewest_clips=3, hidden=16, members=1, epochs=4, steps=80, held_back=3)
@@ -96,10 +96,10 @@ def test_no_selection_is_its_own_recording(found: Evaluation) -> None:
 
 def test_guides_of_a_fold_have_not_seen_it(guided: Path) -> None:
     with open_database(guided) as database:
-        whole = _fold_guides(database, [], ["phonemes"])["phonemes"]
+        whole = guides_without(database, [], ["phonemes"])["phonemes"]
         clips = clips_of(database)
         alone = fit_guides([replace(c, sound=None) for c in clips[2:]], QUICK)["phonemes"]
-        without = _fold_guides(database, [0, 1], ["phonemes"])["phonemes"]
+        without = guides_without(database, [0, 1], ["phonemes"])["phonemes"]
         stored = database.guide("phonemes")
     assert np.array_equal(whole.hidden, stored.hidden)
     assert np.array_equal(without.hidden, alone.hidden)
@@ -111,7 +111,7 @@ def test_guides_of_a_fold_have_not_seen_it(guided: Path) -> None:
 def test_a_fold_is_predicted_by_its_own_guide(guided: Path, found: Evaluation) -> None:
     with open_database(guided) as database:
         # Folds are dealt in turn: sequence 3 lies in the second with 1, 5 and 7.
-        guides = _fold_guides(database, [1, 3, 5, 7], ["phonemes", "sound"])
+        guides = guides_without(database, [1, 3, 5, 7], ["phonemes", "sound"])
         evaluator = Evaluator(database, methods=["all"])
         target = evaluator.recorded(3)
         mine = evaluator.with_guides(guides).compare(target, [3])
@@ -161,7 +161,7 @@ def test_folds_that_cannot_be_made(guided: Path, small_db: Path) -> None:
                 evaluate_folds(database, folds)
         # Three clips are the fewest that guides are fitted from here.
         with pytest.raises(SelectionError, match="too few clips are left"):
-            _fold_guides(database, range(6), ["phonemes"])
+            guides_without(database, range(6), ["phonemes"])
     with (
         open_database(small_db) as database,
         pytest.raises(SelectionError, match="'mixed' needs a guide from phonemes"),

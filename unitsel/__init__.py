@@ -73,6 +73,8 @@ from database.track import Interval, PhonemeTrack  # noqa: E402
 from render.background import Background  # noqa: E402
 from render.blend import BlendShape  # noqa: E402
 from unitsel.costs import Weights  # noqa: E402
+from unitsel.doctor.page import write_doctor_page  # noqa: E402
+from unitsel.doctor.report import DoctorReport, doctor_report  # noqa: E402
 from unitsel.explain import write_explanation  # noqa: E402
 from unitsel.inspection import Inspection, inspect_database  # noqa: E402
 from unitsel.likeness.evaluation import Evaluation, evaluate  # noqa: E402
@@ -107,6 +109,7 @@ __all__ = [
     "CostSettings",
     "CropSettings",
     "DatabaseError",
+    "DoctorReport",
     "Evaluation",
     "FaceError",
     "FaceSettings",
@@ -147,6 +150,7 @@ __all__ = [
     "align_media",
     "build_database",
     "default_settings",
+    "doctor_report",
     "evaluate",
     "evaluate_folds",
     "inspect_database",
@@ -158,6 +162,7 @@ __all__ = [
     "timing_extensions",
     "track_of_timing",
     "train",
+    "write_doctor_page",
     "write_explanation",
     "write_timing",
 ]

@@ -98,7 +98,7 @@ def evaluate_folds(
     for i, fold in enumerate(used if kinds else ()):
         tell("fitting guides", i, len(used))
         left_out = [s for s, f in fold_of.items() if f == fold]
-        guides[fold] = _fold_guides(database, left_out, kinds, jobs)
+        guides[fold] = guides_without(database, left_out, kinds, jobs)
         tell("fitting guides", i + 1, len(used))
     pieces = [
         (fold, piece)
@@ -134,10 +134,16 @@ def evaluate_folds(
     return Evaluation(sentences, skipped, settings, folds)
 
 
-def _fold_guides(
+def guides_without(
     database: UnitDatabase, leave_out: Collection[int], kinds: Collection[str], jobs: int = 1
 ) -> dict[str, GuideModel]:
-    """Fit guides of a database again, as its build did, without some of its sequences."""
+    """Fit guides of a database again, as its build did, without some of its sequences.
+
+    Raises
+    ------
+    SelectionError
+        If too few clips are left for one of them.
+    """
     if not kinds:
         return {}
     units, sequences = database.units, database.sequences

@@ -1,0 +1,1 @@
+"""The corpus doctor: what footage or a database is worth, and what to record next."""
