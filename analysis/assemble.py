@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from analysis.aam_points import Marks
+from analysis.corpus_lips import CorpusLips, LipSettings, fit_corpus_lips
 from analysis.cost_model import fit_cost_model
 from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
@@ -30,7 +32,7 @@ from analysis.texture import (
 from database.guide_model import mouth_parameters
 from database.mask import Camera, Mask
 from database.phonemes import VISEME_OF
-from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Units
+from database.schema import DatabaseContent, Phones, Sequences, TextureModel, UnitLips, Units
 from database.sound_features import moved_features
 from database.track import PhonemeTrack, context_frames, context_windows
 
@@ -48,6 +50,9 @@ def assemble(
     lag: LagSettings,
     guide: GuideSettings,
     offset: OffsetSettings,
+    lips: LipSettings,
+    lip_marks: Marks | None,
+    codec: str,
     jobs: int,
     settings: dict[str, Any],
     skipped: dict[str, str],
@@ -61,10 +66,14 @@ def assemble(
         The analysed clips, in order.
     mask, camera, fps
         Of the database.
-    texture, lag, guide, offset
+    texture, lag, guide, offset, lips
         Settings of what depends on all clips.
+    lip_marks : Marks, optional
+        Lips marked by hand.
+    codec : str
+        Of the shards' pictures.
     jobs : int
-        Networks fitted at a time.
+        Networks, or clips' lips, fitted at a time.
     settings : dict
         All settings of the build, for the record.
     skipped : dict
@@ -97,6 +106,17 @@ def assemble(
         pca.append(texture_weights(normalised, model))
         tell("describing mouths", i + 1, len(shards))
 
+    found = fit_corpus_lips(
+        shards,
+        pca,
+        mask=mask,
+        codec=codec,
+        settings=lips,
+        marks=lip_marks,
+        jobs=jobs,
+        tell=tell,
+    )
+    width, heights, opening = _mouths(found, joined)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
     frames = [shard["frame"] for shard in opened]
     in_step = _in_step(shards, opened, frames, np.split(heights, first[1:]), pca, fps, lag, offset)
@@ -117,9 +137,9 @@ def assemble(
         phoneme=phoneme,
         viseme=VISEME_OF[phoneme],
         pca=np.concatenate(pca),
-        mouth_width=joined("mouth_width"),
+        mouth_width=width,
         mouth_height=heights,
-        inner_opening=joined("inner_opening"),
+        inner_opening=opening,
         teeth=joined("teeth"),
         tongue=joined("tongue"),
         rotation=joined("rotation"),
@@ -147,7 +167,7 @@ def assemble(
     spoken = [
         SpokenClip((numbers + 0.5) / fps, opening, heard)
         for numbers, opening, heard in zip(
-            frames, np.split(units.inner_opening, first[1:]), sound, strict=True
+            frames, np.split(joined("inner_opening"), first[1:]), sound, strict=True
         )
     ]
     parameters = np.split(mouth_parameters(units), first[1:])
@@ -155,12 +175,24 @@ def assemble(
         GuideClip(track, (numbers + 0.5) / fps, mouths, heard)
         for track, numbers, mouths, heard in zip(tracks, frames, parameters, sound, strict=True)
     ]
-    report = {
+    report: dict[str, Any] = {
         "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
         "repaired": [{"clip": c, "note": note} for c, note in notes],
         "sound_offset": None if apart is None else apart.as_json(),
     }
     starts = np.array([s.start for s in shards], np.float64)
+    if found is not None:
+        lost = [int((clip.found == 0).sum()) for clip in found.clips]
+        report["lips"] = {
+            "trained_on": found.trained_on,
+            "marked": found.marked,
+            "fallen_back": sum(lost),
+        }
+        report["repaired"] += [
+            {"clip": shard.name, "note": _lost_lips(k)}
+            for shard, k in zip(shards, lost, strict=True)
+            if k
+        ]
     content = DatabaseContent(
         fps=fps,
         units=units,
@@ -173,11 +205,38 @@ def assemble(
         marks=mark_phones(phones, spoken),
         sound=sound,
         guides=fit_guides(learnt, guide, jobs, tell),
+        lips=_unit_lips(found),
         settings=settings,
         report=report,
         starts=starts if starts.any() else None,
     )
     return content, joined("landmarks")
+
+
+def _mouths(
+    found: CorpusLips | None, joined: Callable[[str], npt.NDArray[Any]]
+) -> tuple[npt.NDArray[np.float32], ...]:
+    """Width, height and inner opening of all units, (N,) each."""
+    if found is None:
+        return tuple(joined(name) for name in ("mouth_width", "mouth_height", "inner_opening"))
+    mouths = [clip.geometry for clip in found.clips]
+    parts = ([m.width for m in mouths], [m.height for m in mouths], [m.opening for m in mouths])
+    return tuple(np.concatenate(part) for part in parts)
+
+
+def _unit_lips(found: CorpusLips | None) -> UnitLips | None:
+    if found is None:
+        return None
+    return UnitLips(
+        found.model,
+        np.concatenate([clip.points for clip in found.clips]),
+        np.concatenate([clip.found for clip in found.clips]),
+    )
+
+
+def _lost_lips(frames: int) -> str:
+    what = "frame" if frames == 1 else "frames"
+    return f"lips not found by the lip model in {frames} {what}; the face mesh's stand in"
 
 
 def _in_step(

@@ -22,6 +22,7 @@ from typing import Final
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
+from analysis.corpus_lips import read_lip_marks
 from analysis.estimate import Estimate
 from analysis.footage import clips_of
 from analysis.g2p import speaking_lexicon
@@ -114,6 +115,7 @@ def build_database(
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
     clips = [c.absolute() for c in clips_of(corpus, timing=timing, limit=limit, exclude=exclude)]
+    marks = read_lip_marks(chosen.lips, [c.name for c in clips])
     speech = Speech(speaking_lexicon(dictionary), dictionary)
     face_models = find_models(models)
     folder = Path(kept.folder or target.with_name(target.name + SHARDS_SUFFIX)).absolute()
@@ -129,7 +131,7 @@ def build_database(
             if announce is not None:
                 announce(work.estimate)
             work.analyse(speech)
-            content = work.write()
+            content = work.write(marks)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(work.interrupted()) from None
         except OSError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.align import AlignSettings
+from analysis.corpus_lips import LipSettings
 from analysis.estimate import Estimate
 from analysis.face import FaceSettings
 from analysis.guide import GuideSettings
@@ -35,7 +36,7 @@ class BuildSettings:
         Six points marked in a frame of one clip, which rule the mask and its initial pose.
     codec : str
         Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
-    face, motion, crop, texture, align, lag, guide, offset
+    face, motion, crop, texture, align, lag, guide, offset, lips
         Settings of the steps.
     """
 
@@ -52,6 +53,7 @@ class BuildSettings:
     lag: LagSettings = field(default_factory=LagSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
     offset: OffsetSettings = field(default_factory=OffsetSettings)
+    lips: LipSettings = field(default_factory=LipSettings)
 
 
 @dataclass(frozen=True)

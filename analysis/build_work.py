@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from analysis.aam_points import Marks
 from analysis.assemble import assemble
 from analysis.build_settings import BuildSettings
 from analysis.clip import sha256_of
@@ -178,8 +179,13 @@ class Work:
             first = next(iter(self.skipped.values()))
             raise CorpusError(f"none of the {total} clips could be used; the first: {first}")
 
-    def write(self) -> DatabaseContent:
+    def write(self, marks: Marks | None = None) -> DatabaseContent:
         """Fit what depends on all clips and write the database.
+
+        Parameters
+        ----------
+        marks : Marks, optional
+            Lips marked by hand.
 
         Raises
         ------
@@ -196,6 +202,9 @@ class Work:
             lag=settings.lag,
             guide=settings.guide,
             offset=settings.offset,
+            lips=settings.lips,
+            lip_marks=marks,
+            codec=settings.codec,
             jobs=self._jobs,
             settings=asdict(settings),
             skipped=self.skipped,

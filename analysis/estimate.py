@@ -34,7 +34,7 @@ WHOLE_TO_TRIAL: Final = 2.0
 """Time of a frame's whole analysis to that of the trial: alignment, gradients, second reading."""
 
 FIT_SECONDS: Final = 2.0
-UNIT_FIT_SECONDS: Final = 0.0015
+UNIT_FIT_SECONDS: Final = 0.003
 """Seconds for what depends on all clips and for writing: at least, and more for each unit."""
 
 SHARD_BYTES: Final = 42 * 40 * 3 + 468 * 2 * 4 + 200

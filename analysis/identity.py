@@ -28,12 +28,14 @@ from analysis.person import Person
 from database.mask import Camera
 from database.writer import library_versions
 
-FITTED_LATER: Final = ("texture", "lag", "guide", "offset")
+FITTED_LATER: Final = ("texture", "lag", "guide", "offset", "lips")
 """Parts of the build's settings that no clip is analysed with: they may change and clips stay."""
 
 RUN_LATER: Final = frozenset(
     (
+        *("aam.py", "aam_fit.py", "aam_kernels.py", "aam_points.py", "aam_training.py"),
         *("assemble.py", "build.py", "build_lock.py", "build_work.py", "cost_model.py"),
+        *("corpus_lips.py",),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
         *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
     )

@@ -79,12 +79,23 @@ def lip_geometry(
         z = model @ pose[2, :3] + pose[2, 3]
         xy = (points[ids, :2] - [camera.cx, camera.cy]) * (z / camera.focal)[:, None]
         contours[i] = ((np.column_stack([xy, z]) - pose[:, 3]) @ pose[:, :3])[:, :2]
-    contours = smoothed_runs(contours, numbers, smoothing).astype(np.float32)
-    outer = contours[:, : len(OUTER_LIPS)]
+    return measured(smoothed_runs(contours, numbers, smoothing))
+
+
+def measured(contours: npt.NDArray[np.floating]) -> LipGeometry:
+    """Measure contours.
+
+    Parameters
+    ----------
+    contours : (n, 40, 2) float
+        Outer then inner contour in the mask's frame, mm.
+    """
+    lips = np.asarray(contours, dtype=np.float32)
+    outer = lips[:, : len(OUTER_LIPS)]
     extent = outer.max(axis=1) - outer.min(axis=1)
-    upper, lower = (contours[:, [p[k] for p in _INNER_PAIRS], 1] for k in (0, 1))
+    upper, lower = (lips[:, [p[k] for p in _INNER_PAIRS], 1] for k in (0, 1))
     opening = np.maximum((lower - upper).max(axis=1), 0)
-    return LipGeometry(contours, extent[:, 0], extent[:, 1], opening)
+    return LipGeometry(lips, extent[:, 0], extent[:, 1], opening)
 
 
 def mesh_mouth_height(landmarks: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:

@@ -13,7 +13,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -234,6 +234,7 @@ def write_shard(path: Path, clip: Clip, analysed: AnalysedClip, seconds: float) 
         landmarks=face.landmarks,
         rotation=face.poses.rotations,
         translation=face.poses.translations,
+        camera=np.array(astuple(face.camera), np.float64),
         mouth_width=analysed.lips.width,
         mouth_height=analysed.lips.height,
         inner_opening=analysed.lips.opening,

@@ -26,6 +26,7 @@ from database.schema import (
     RigidTexture,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import SMALL_GAP
@@ -250,3 +251,20 @@ def check_starts(starts: npt.NDArray[np.float64]) -> None:
     check_finite("pieces/start", starts)
     if (starts < 0).any():
         raise ValueError("pieces/start holds a time before 0")
+
+
+def check_lips(lips: UnitLips) -> None:
+    """Check the lip model: numbers to divide by, and no variance below zero."""
+    model = lips.model
+    for name, values in {"points": lips.points, **model.as_arrays()}.items():
+        check_finite(f"lips/{name}", values)
+    if min(model.scale, model.energy) <= 0 or model.blur < 0:
+        raise ValueError("lips/numbers must be positive")
+    if (model.shape_variances < 0).any():
+        raise ValueError("lips/shape_variances holds a negative variance")
+    _check_below("lips/found", lips.found, 2)
+    for i, level in enumerate(model.levels):
+        if not (level.region == 1).any() or (level.region > 1).any():
+            raise ValueError(f"lips/level{i}/region must be 0 or 1, and not all 0")
+        if (level.variances <= 0).any() or (level.noise <= 0).any():
+            raise ValueError(f"lips/level{i}: variances and noise must be positive")

@@ -23,6 +23,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from database.lip_model import LEVELS, N_POINTS, LipModel
 from database.mask import Camera, Mask
 
 SCHEMA_NAME: Final = "unitsel-database"
@@ -115,6 +116,61 @@ def _rigid_fields() -> tuple[Field, ...]:
     )
 
 
+def _lip_fields() -> tuple[Field, ...]:
+    """Fields of the lip model and of what it found."""
+    both = 2 * N_POINTS
+    described: list[tuple[str, str, tuple[str | int, ...], str, str]] = [
+        (
+            "points",
+            "float32",
+            ("N", N_POINTS, 2),
+            "mm",
+            "lips in the mask's frame: 12 outer points, 8 inner, each from the left corner over the "
+            "upper lip",
+        ),
+        (
+            "found",
+            "uint8",
+            ("N",),
+            "0, 1",
+            "1 where the model found them, 0 where the face mesh's contour stands in",
+        ),
+        (
+            "numbers",
+            "float64",
+            (3,),
+            "1",
+            "scale of the finest level, blur of a level, usual squared error (database/lip_model.py)",
+        ),
+        ("mean_shape", "float32", (N_POINTS, 2), "pixel", "mean of the shapes, finest level"),
+        ("shape_modes", "float32", ("shapes", both), "1", "principal components of the shape"),
+        ("shape_variances", "float32", ("shapes",), "pixel^2", "variance along each"),
+        ("template", "float32", (N_POINTS, 2), "pixel", "shape on which the appearance lies"),
+        ("start_bias", "float32", (N_POINTS, 2), "pixel", "added to the face mesh's points"),
+        ("start_covariance", "float32", (both, both), "pixel^2", "of what is left"),
+    ]
+    for i in range(LEVELS):
+        h, w, m = (f"level {i} {size}" for size in ("rows", "columns", "modes"))
+        described += [
+            (f"level{i}/origin", "int32", (2,), "pixel", "first column and row of the box"),
+            (f"level{i}/region", "uint8", (h, w), "0, 1", "pixels of the template"),
+            (
+                f"level{i}/mean",
+                "float32",
+                (2, h, w),
+                "log level",
+                "mean brightness and redness, light taken out",
+            ),
+            (f"level{i}/modes", "float32", (m, 2, h, w), "log level", "principal components"),
+            (f"level{i}/variances", "float32", (m,), "1", "variance along each"),
+            (f"level{i}/noise", "float32", (2, h, w), "log level^2", "variance left in a pixel"),
+        ]
+    return tuple(
+        Field(f"lips/{name}", dtype, shape, unit, meaning, optional=True)
+        for name, dtype, shape, unit, meaning in described
+    )
+
+
 # fmt: off
 FIELDS: Final[tuple[Field, ...]] = (
     Field("pictures/data", "uint8", ("N", "padded"), "bytes",
@@ -193,6 +249,7 @@ FIELDS: Final[tuple[Field, ...]] = (
           "steps of each sequence's sound, 100 a second; 0 without sound", optional=True),
     *(f for kind in GUIDES for f in _guide_fields(kind)),
     *_rigid_fields(),
+    *_lip_fields(),
 )
 # fmt: on
 """All datasets."""
@@ -353,6 +410,15 @@ class RigidTexture:
 
 
 @dataclass(frozen=True)
+class UnitLips:
+    """The lip model and what it found in each unit; see `FIELDS`."""
+
+    model: LipModel
+    points: F32
+    found: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
 class DatabaseContent:
     """All of a database but its pictures and landmarks, which come unit by unit."""
 
@@ -368,6 +434,7 @@ class DatabaseContent:
     sound: tuple[npt.NDArray[np.float16], ...] = ()
     guides: dict[str, GuideModel] = field(default_factory=dict)
     rigid: RigidTexture | None = None
+    lips: UnitLips | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)
     starts: npt.NDArray[np.float64] | None = None

@@ -195,6 +195,9 @@ def _prepare(
         values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
     if content.rigid is not None:
         values |= {f"rigid/{f.name}": getattr(content.rigid, f.name) for f in fields(RigidTexture)}
+    if content.lips is not None:
+        found = {"points": content.lips.points, "found": content.lips.found}
+        values |= {f"lips/{k}": v for k, v in (found | content.lips.model.as_arrays()).items()}
     values["mask/vertices"] = content.mask.vertices
     values["mask/grid"] = patch.grid
     values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
@@ -235,6 +238,8 @@ def _prepare(
         if kind not in GUIDES:
             raise ValueError(f"there is no guide {kind!r}, only {', '.join(GUIDES)}")
         checks.check_guide(kind, stored(f"guide_{kind}", GuideModel))
+    if content.lips is not None:
+        checks.check_lips(content.lips)
     return arrays, sizes
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from database.cost_definition import feature_groups
+from database.lip_model import LEVELS, LipLevel, LipModel
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
@@ -32,6 +33,7 @@ from database.schema import (
     RigidTexture,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import PhonemeTrack
@@ -180,6 +182,7 @@ def make_content(
         starts = 2.5 * np.arange(len(content.sequences))
         content = replace(content, sound=sound, guides=guides, starts=starts)
         content = replace(content, marks=_marks(content.phones), rigid=_rigid(rng))
+        content = replace(content, lips=_lips(rng, len(units)))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -236,6 +239,38 @@ def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
         gain=np.ones(outputs, dtype=np.float32),
         skill=np.zeros(outputs, dtype=np.float32),
     )
+
+
+def _lips(rng: np.random.Generator, n: int) -> UnitLips:
+    """A random lip model; a trained one takes pictures (tests/test_lip_model.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return np.abs(rng.normal(size=shape)).astype(np.float32) + 0.1
+
+    levels = [
+        LipLevel(
+            np.array([2, 3], np.int32),
+            np.ones((4, 5), np.uint8),
+            some(2, 4, 5),
+            some(3, 2, 4, 5),
+            some(3),
+            some(2, 4, 5),
+        )
+        for _ in range(LEVELS)
+    ]
+    model = LipModel(
+        scale=0.5,
+        blur=0.3,
+        energy=400.0,
+        mean_shape=some(20, 2),
+        shape_modes=some(2, 40),
+        shape_variances=some(2),
+        template=some(20, 2),
+        start_bias=some(20, 2),
+        start_covariance=some(40, 40),
+        levels=tuple(levels),
+    )
+    return UnitLips(model, some(n, 20, 2), np.ones(n, np.uint8))
 
 
 def _speak(

@@ -203,7 +203,14 @@ def test_settings_change_the_content(short_corpus, short_build, no_traces):
 def test_progress_is_told(short_build):
     _, told = short_build
     stages = list(dict.fromkeys(stage for stage, _, _ in told))
-    assert stages == ["finding the person", "analysing clips", "describing mouths", "writing"]
+    assert stages == [
+        "finding the person",
+        "analysing clips",
+        "describing mouths",
+        "training the lip model",
+        "fitting lips",
+        "writing",
+    ]
     for stage in stages:
         done = [d for s, d, _ in told if s == stage]
         (total,) = {t for s, _, t in told if s == stage}

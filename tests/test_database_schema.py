@@ -119,6 +119,13 @@ def test_dataclasses_name_the_fields_of_their_group(group, kind, apart):
     assert {f.name for f in fields(kind)} == described - apart
 
 
+def test_lip_models_have_the_fields_of_their_group(full_db):
+    described = {f.path for f in FIELDS if f.path.startswith("lips/")}
+    with open_database(full_db) as database:
+        arrays = {"points", "found", *database.lip_model.as_arrays()}
+    assert {f"lips/{name}" for name in arrays} == described
+
+
 def test_the_table_for_the_documentation_has_every_field_and_attribute():
     lines = field_table().splitlines()
     assert all(line.startswith("|") and line.endswith("|") for line in lines if line)

@@ -8,6 +8,7 @@ import sys
 
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.calibration import read_camera
+from analysis.corpus_lips import SOURCES, LipSettings
 from analysis.estimate import Estimate, size_text
 from analysis.face import FaceSettings
 from analysis.faces import check_choice
@@ -129,6 +130,19 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         action="store_true",
         help="say how long the build will take and how much space it needs, and stop",
     )
+    parser.add_argument(
+        "--lips",
+        choices=SOURCES,
+        default=LipSettings.source,
+        help="measure lips by a lip model (aam) or on the face mesh's smoothed contours "
+        f"(default: {LipSettings.source})",
+    )
+    parser.add_argument(
+        "--lip-points",
+        metavar="FILE.csv",
+        help="frames whose 20 lip points were marked by hand (clip,frame,point,x,y), to train the "
+        "lip model on",
+    )
     add_models(parser)
     return parser
 
@@ -167,6 +181,7 @@ def run(options: argparse.Namespace, output: Output) -> None:
                 estimate_focal=options.estimate_focal,
                 hand=None if options.points is None else read_hand_points(options.points),
                 codec=options.codec,
+                lips=LipSettings(source=options.lips, marks=options.lip_points),
                 face=FaceSettings(face=options.face),
                 offset=OffsetSettings(correct=options.sound_offset),
             ),
