@@ -70,7 +70,7 @@ class AlignSettings:
         The same for the words of a cue: subtitles come and go by the reader's needs.
     """
 
-    attempts: Sequence[Attempt] = (
+    attempts: tuple[Attempt, ...] = (
         # A longer pad rescues what a wider beam alone does not: the second pass must end in
         # silence.
         Attempt(1e-48, 7e-29, 0.3, 3.0),

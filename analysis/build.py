@@ -22,6 +22,7 @@ from typing import Final
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
+from analysis.corpus import Clip, picked
 from analysis.corpus_lips import read_lip_marks
 from analysis.estimate import Estimate
 from analysis.footage import clips_of
@@ -41,7 +42,7 @@ SHARDS_SUFFIX: Final = ".shards"
 
 
 def build_database(
-    corpus: str | Path,
+    corpus: str | Path | Sequence[Clip],
     output: str | Path,
     *,
     settings: BuildSettings | None = None,
@@ -63,7 +64,7 @@ def build_database(
 
     Parameters
     ----------
-    corpus : path
+    corpus : path or sequence of Clip
         Folder, manifest or one long video; see `analysis.footage`.
     output : path
         The database, replaced when the new one is complete.
@@ -114,14 +115,18 @@ def build_database(
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
-    clips = [c.absolute() for c in clips_of(corpus, timing=timing, limit=limit, exclude=exclude)]
+    if isinstance(corpus, str | Path):
+        found = clips_of(corpus, timing=timing, limit=limit, exclude=exclude)
+    else:
+        found = picked(list(corpus), target, limit=limit, exclude=exclude)
+    clips = [c.absolute() for c in found]
     marks = read_lip_marks(chosen.lips, [c.name for c in clips])
     speech = Speech(speaking_lexicon(dictionary), dictionary)
     face_models = find_models(models)
     folder = Path(kept.folder or target.with_name(target.name + SHARDS_SUFFIX)).absolute()
     with ExitStack() as held:
         held.enter_context(only_build(target.with_name(f".{target.name}.lock"), target))
-        store = ShardStore(folder, fresh=kept.restart)
+        store = ShardStore(folder, fresh=kept.restart, others=kept.others)
         held.enter_context(only_build(store.lock, folder, lasting=True))
         held.enter_context(workers_uninterrupted())
         clear_partials(target.parent, f".{target.name}.*.partial")

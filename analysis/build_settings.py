@@ -70,11 +70,14 @@ class ShardSettings:
         Whether they stay when the database is complete, for a later build of more clips.
     restart : bool
         Analyse all clips anew.
+    others : tuple of Path
+        Folders of other builds, from which clips are taken over.
     """
 
     folder: str | Path | None = None
     keep: bool = True
     restart: bool = False
+    others: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

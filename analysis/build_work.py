@@ -100,6 +100,7 @@ class Work:
             If there is too little space.
         """
         settings, store = self._settings, self._store
+        self._clips = tuple(clips)
         infos = self._probe(clips)
         self._fps = self._frame_rate(clips, infos)
         sums = self._checksums([c for c in clips if c.name not in self.skipped])
@@ -210,7 +211,11 @@ class Work:
             skipped=self.skipped,
             tell=self._tell,
         )
-        content = replace(content, rigid=to_stored(self._person.reference))
+        report = content.report | {
+            "footage": [c.as_json() for c in self._clips],
+            "person": list(self.person),
+        }
+        content = replace(content, rigid=to_stored(self._person.reference), report=report)
         write_database(
             self._target,
             content,

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -68,6 +68,29 @@ class Clip:
     def source(self) -> Piece:
         """What is to be read: the file, or the piece of it."""
         return Piece(self.media, self.start, self.end)
+
+    def as_json(self) -> dict[str, Any]:
+        """The clip as a database's report keeps it; `from_json` reads it."""
+        document: dict[str, Any] = {
+            "name": self.name,
+            "media": str(self.media),
+            "scripts": [str(s) for s in self.scripts],
+        }
+        if not self.source.whole:
+            document |= {"start": self.start, "end": self.end}
+        return document | ({"words": list(self.words)} if self.words else {})
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> Clip:
+        """What `as_json` made."""
+        return cls(
+            document["name"],
+            Path(document["media"]),
+            tuple(Path(s) for s in document["scripts"]),
+            document.get("start", 0.0),
+            document.get("end"),
+            tuple(document.get("words", ())),
+        )
 
     def absolute(self) -> Clip:
         """The same clip, wherever one stands."""

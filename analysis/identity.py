@@ -35,7 +35,7 @@ RUN_LATER: Final = frozenset(
     (
         *("aam.py", "aam_fit.py", "aam_kernels.py", "aam_points.py", "aam_training.py"),
         *("assemble.py", "build.py", "build_lock.py", "build_work.py", "cost_model.py"),
-        *("corpus_lips.py",),
+        *("corpus_lips.py", "merge.py"),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
         *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
     )

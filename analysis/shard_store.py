@@ -47,6 +47,7 @@ from analysis.shards import (
     write_arrays,
 )
 from database.errors import DatabaseError
+from database.outfile import whole_file
 from database.piece import Source
 
 CIRCUMSTANCES: Final = "circumstances.json"
@@ -63,6 +64,8 @@ class ShardStore:
         Made if it is not there.
     fresh : bool
         Find nothing in it.
+    others : sequence of Path
+        Folders of other builds; what is not here is looked for there, and copied.
 
     Raises
     ------
@@ -70,8 +73,9 @@ class ShardStore:
         If it cannot be made.
     """
 
-    def __init__(self, folder: Path, *, fresh: bool = False) -> None:
+    def __init__(self, folder: Path, *, fresh: bool = False, others: Sequence[Path] = ()) -> None:
         self.folder = folder
+        self._others = tuple(others)
         self._fresh = fresh
         self.lock = folder / "lock"
         self.damaged: list[str] = []
@@ -107,10 +111,21 @@ class ShardStore:
     def find(self, clip: Clip, path: Path) -> Shard | Refusal | None:
         """What is kept of a clip; a damaged shard is noted and taken for none."""
         try:
-            return None if self._fresh else load_shard(path, clip)
+            if self._fresh:
+                return None
+            return load_shard(path, clip) or self._taken_over(clip, path)
         except ShardDamagedError:
             self.damaged.append(clip.name)
             return None
+
+    def _taken_over(self, clip: Clip, path: Path) -> Shard | Refusal | None:
+        """A clip's shard from another build's folder, if one has it."""
+        for folder in self._others:
+            there = folder / self._here.name / path.name
+            if there.is_file() and isinstance(load_shard(there, clip), Shard):
+                _copy(there, path)
+                return load_shard(path, clip)
+        return None
 
     def person(
         self,
@@ -149,6 +164,10 @@ class ShardStore:
         self._person = self.folder / f"person-{key}{SHARD}"
         clear_partials(self.folder, ".person-*.partial")
         order = [digest_of(sums[c.media], c.start, c.end) for c in clips]
+        for other in self._others if not self._person.is_file() else ():
+            if (other / self._person.name).is_file():
+                _copy(other / self._person.name, self._person)
+                break
         kept = None
         with contextlib.suppress(ShardDamagedError):
             kept = None if self._fresh else read_checked(self._person)
@@ -224,6 +243,12 @@ class ShardStore:
 
     def _persons(self) -> list[Path]:
         return [p for p in self.folder.iterdir() if _PERSON.fullmatch(p.name)]
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file, whole or not at all."""
+    with source.open("rb") as data, whole_file(target) as file:
+        shutil.copyfileobj(data, file)
 
 
 class _Watched(Sequence[Source]):

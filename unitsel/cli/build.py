@@ -199,7 +199,7 @@ def run(options: argparse.Namespace, output: Output) -> None:
     except _OnlyEstimateError:
         output.result({"estimate": told[0].as_json()}, told[0].text())
     else:
-        output.result(report.as_json(), _text(report))
+        output.result(report.as_json(), report_text(report))
 
 
 def _names(text: str) -> list[str]:
@@ -220,7 +220,8 @@ def _offset(text: str) -> float | str:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def _text(report: BuildReport) -> str:
+def report_text(report: BuildReport) -> str:
+    """What a build made, for people."""
     reused = f" ({report.reused} of them analysed before)" if report.reused else ""
     lines = [
         f"{report.path}: {report.units} units from {report.sequences} clips{reused} in "
