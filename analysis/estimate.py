@@ -40,6 +40,9 @@ UNIT_FIT_SECONDS: Final = 0.003
 SHARD_BYTES: Final = 42 * 40 * 3 + 468 * 2 * 4 + 200
 """Bytes of a unit in a shard besides its picture: described crop, landmarks, the rest."""
 
+MODEL_BYTES: Final = 800_000
+"""Bytes of what does not grow with the units: lip model, rigid surface, mask."""
+
 DATABASE_BYTES: Final = 3700
 """Bytes of a unit in a database besides its picture: packed landmarks, the rest."""
 
@@ -143,7 +146,7 @@ def estimate_build(
         each, picture = 0.0, max(0.0, there / max(units, 1) - SHARD_BYTES)
     total = units + frames
     new = round(frames * (SHARD_BYTES + picture))
-    database = round(total * (DATABASE_BYTES + PADDING * picture))
+    database = MODEL_BYTES + round(total * (DATABASE_BYTES + PADDING * picture))
     # Pictures are put aside one after another before the database is written.
     needed = new + database + round(total * picture)
     free = shutil.disk_usage(target.parent).free

@@ -159,9 +159,14 @@ def surface_depth(
     """
     from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
     from scipy.ndimage import gaussian_filter
+    from scipy.spatial import ConvexHull
 
     flat, depth = vertices[:, :2], vertices[:, 2]
-    z = CloughTocher2DInterpolator(flat, depth)(plane)
+    # Beyond the hull the interpolator would look through all triangles for every point.
+    sides = ConvexHull(flat).equations
+    within = (plane @ sides[:, :2].T + sides[:, 2] <= 0).all(axis=-1)
+    z = np.full(plane.shape[:2], np.nan)
+    z[within] = CloughTocher2DInterpolator(flat, depth)(plane[within])
     outside = np.isnan(z)
     if outside.any():
         z[outside] = NearestNDInterpolator(flat, depth)(plane[outside])

@@ -21,6 +21,7 @@ import analysis.shard_store
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.build_lock import SHARED_MEMORY, only_build
 from analysis.clip import AnalysedClip
+from analysis.corpus_lips import LipSettings
 from analysis.face import FaceModels
 from analysis.identity import RUN_LATER
 from analysis.texture import TextureSettings
@@ -43,6 +44,9 @@ SENTENCES = {
 
 MANY = "bcdefg"
 """More are not looked at for the mask."""
+
+QUICK = BuildSettings(lips=LipSettings(source="mesh"))
+"""A lip model takes longer than all the rest of so small a build; one test has it."""
 
 Build = Callable[..., BuildReport]
 
@@ -91,7 +95,7 @@ def build(corpus: Path, tmp_path: Path, face_models: FaceModels) -> Build:
     """Build the corpus as it is now into a file; in this process, so that calls are seen."""
 
     def call(name: str = "x.h5", **options: Any) -> BuildReport:
-        return build_database(corpus, tmp_path / name, jobs=1, **options)
+        return build_database(corpus, tmp_path / name, jobs=1, **{"settings": QUICK, **options})
 
     return call
 
@@ -111,22 +115,22 @@ def test_more_clips_cost_only_themselves(
     films: Path, corpus: Path, build: Build, analysed: list[str]
 ) -> None:
     put(corpus, films, *MANY)
-    first = build()
+    first = build(settings=BuildSettings())
     assert first.reused == 0 and sorted(analysed) == [*MANY, "mask"]
     assert first.person == tuple(MANY)
     put(corpus, films, "y")
-    second = build()
+    second = build(settings=BuildSettings())
     analysed.clear()
     put(corpus, films, "z")
-    second = build()
+    second = build(settings=BuildSettings())
     assert analysed == ["z"] and second.reused == 7 and second.changed == ()
-    in_one_go = build("go.h5")
+    in_one_go = build("go.h5", settings=BuildSettings())
     assert sorted(analysed) == [*MANY, "mask", "y", "z", "z"]
     assert content_hash(second.path) == content_hash(in_one_go.path)
     assert second.units == in_one_go.units > first.units
     assert second.estimate.frames < in_one_go.estimate.frames
     analysed.clear()
-    assert build().reused == 8 and analysed == []
+    assert build(settings=BuildSettings()).reused == 8 and analysed == []
 
 
 def test_a_clip_that_comes_first_makes_another_mask(
@@ -340,7 +344,8 @@ def test_the_estimate_is_near_what_comes(films: Path, corpus: Path, build: Build
     assert 0.4 * size < report.estimate.database_bytes < 1.5 * size
     again = build().estimate
     assert again.frames == 0 and again.reused == 3
-    assert again.shard_bytes == pytest.approx(report.shard_bytes, rel=0.1)
+    # What is kept of the person is not of any clip.
+    assert again.shard_bytes == pytest.approx(report.shard_bytes, rel=0.2)
 
 
 def test_too_little_space_is_told_before_the_work(

@@ -102,7 +102,9 @@ def test_the_frames_are_those_of_the_clips(built):
             rows.append(i)
             same.append(k)
     assert len(rows) > 0.98 * len(one)
-    turned = np.abs(other.units.rotation[rows] - one.units.rotation[same])
+    turned = other.units.rotation[rows] - one.units.rotation[same]
+    # The masks are made of other frames, so all of them may differ by one small turn.
+    turned = np.abs(turned - np.median(turned, axis=0))
     opened = np.abs(other.units.inner_opening[rows] - one.units.inner_opening[same])
     assert np.rad2deg(np.median(turned)) < 0.5
     assert np.median(opened) < 0.3
