@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from analysis import espeak
 from analysis.align import Aligner
+from analysis.espeak import sample_rate
 from analysis.g2p import speaking_lexicon
+from analysis.utterance import Utterance, say
 from database.errors import PronunciationError, SpeechError, TrackError
 from database.sound import SPEECH_RATE, Sound, read_sound, resampled
 from database.timing.words import WordTrack, clean_word
@@ -159,7 +160,7 @@ def aligned_speech(
 
 
 def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> Speech:
-    samples = espeak.sample_rate()
+    samples = sample_rate()
     if wav is None:
         pieces: list[npt.NDArray[np.int16]] = []
         said = _say(text, voice, rate, pieces.append, samples)
@@ -198,10 +199,10 @@ def _say(
     rate: float | None,
     sink: Callable[[npt.NDArray[np.int16]], None],
     samples: int,
-) -> espeak.Utterance:
+) -> Utterance:
     """Say a text, with its silence before and after."""
     sink(np.zeros(round(LEAD * samples), dtype=np.int16))
-    said = espeak.say(text, voice, sink, rate)
+    said = say(text, voice, sink, rate)
     sink(np.zeros(round(TAIL * samples), dtype=np.int16))
     return said
 
