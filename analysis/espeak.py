@@ -168,7 +168,7 @@ def find_voice(name: str) -> str:
         like = difflib.get_close_matches(low, [x.lower() for x in languages], 4, 0.5)
         named = [v for v in known if low and low in v.name.lower()]
         named.sort(key=lambda v: (not v.name.lower().startswith(low), len(v.languages[0])))
-        like += [v.languages[0].lower() for v in named]
+        like = [v.languages[0].lower() for v in named] + like
         near = [x for n in dict.fromkeys(like) for x in languages if x.lower() == n][:6]
         raise SpeechError(
             f"voice {name!r}: espeak has none of that name; "

@@ -2,7 +2,8 @@
 
 What bit: a phoneme's event stands behind the silence of its own closure, so the start of a p is
 moved back over the digital silence before it, to where the lips meet. Marks of tone and pauses
-have no name both; a pause is told by its silence. Names are cut off after eight bytes.
+have no name both; a pause is told by its silence. Some phones are one sound with the one before,
+and have no time of their own. Names are cut off after eight bytes.
 """
 
 from __future__ import annotations
@@ -29,6 +30,12 @@ LONGEST_CLOSURE: Final = 0.06
 
 CLOSURE: Final = 0.05
 """Seconds that a stop is closed for when it comes out of a pause."""
+
+NO_TIME: Final = 0.005
+"""Seconds; shorter phones are sounded together with the one before: the l of "aisle"."""
+
+LONGEST_SHARE: Final = 0.06
+"""Seconds that such a phone gets of the other's time."""
 
 _RATE: Final = 1
 _LIST_END, _WORD, _PHONEME = 0, 1, 7
@@ -196,6 +203,7 @@ class _Heard:
                     own = round(CLOSURE * rate) if name.lstrip("ˈˌ").startswith(_STOPS) else 0
                 sample -= own
             starts.append(max(sample, starts[-1]) if starts else sample)
+        self._make_room(rate)
         out: list[Interval] = []
         bounds = [*starts, self.samples]
         if bounds[0] > 0:
@@ -209,6 +217,21 @@ class _Heard:
             else:
                 out.append(Interval(a / rate, b / rate, name))
         return out
+
+    def _make_room(self, rate: int) -> None:
+        """Give phones that have no time of their own the end of the phone before them."""
+        bounds = [*self.starts, self.samples]
+        i, n = 0, len(self.phones)
+        while i < n:
+            j = i + 1
+            while j < n and self.phones[j][1] and bounds[j + 1] - bounds[j] < NO_TIME * rate:
+                j += 1
+            short = j - i - 1
+            if short and self.phones[i][1]:
+                part = min(round(LONGEST_SHARE * rate), (bounds[j] - bounds[i]) // (short + 2))
+                for k in range(1, short + 1):
+                    self.starts[i + k] = bounds[j] - part * (short + 1 - k)
+            i = j
 
 
 def _silent_share(

@@ -26,7 +26,7 @@ from database.track import Interval
 _ENGLISH: Final = (
     "p b t d k g ɡ f v θ ð s z ʃ ʒ tʃ dʒ h m n ŋ l ɫ ɹ j w ʍ ɾ ʔ "
     "a æ ɑ ɒ ɔ ə ɐ ʌ ɛ e ɜ ɝ ɚ i ɪ ᵻ u ʊ "
-    "aɪ aʊ eɪ oʊ əʊ ɔɪ ai au ɑu ei ou ɔi iə eə ɪə ʊə aɪə aɪɚ aʊə əl n̩ m̩ l̩ ɑɹ ɔɹ ɛɹ ɪɹ ʊɹ"
+    "aɪ aʊ eɪ oʊ əʊ ɔɪ oɪ ai au ɑu ei ou ɔi iə eə ɪə ʊə aɪə aɪɚ aʊə əl n̩ m̩ l̩ ɑɹ ɔɹ ɛɹ ɪɹ ʊɹ"
 )
 ENGLISH: Final = frozenset(_ENGLISH.split())
 """What English has, so that Table 1 names the very sound; without marks of length."""
