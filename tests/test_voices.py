@@ -102,7 +102,8 @@ def test_sentences_keep_their_order_and_pauses(
     ("symbol", "phonemes"),
     [
         ("kh", "k"), ("ts.h", "ch"), ("tɕ", "ch"), ("iou", "y ow"),
-        ("ˈuai", "w ay"), ("yɛ", "w eh"), ("onɡ", "ow ng"), ("ŋ-", "ng"), ("o-", "ah"), ("ʲ", "y"), ("rʲ", "r"), ("ˈɑu5", "aw"),
+        ("ˈuai", "w ay"), ("yɛ", "w eh"), ("onɡ", "ow ng"), ("ŋ-", "ng"), ("o-", "ah"), ("ʲ", "y"),
+        ("rʲ", "r"), ("ˈɑu5", "aw"),
         ("aː", "aa"), ("a", "ae"), ("ɔ̃", "ao"), ("ts", "t s"), ("tsʰ", "t s"), ("ʘ", "p"),
         ("", "sil"), ("ˈ", "sil"), ("d͡ʒ", "jh"), ("œ̃ː", "er"),
     ],
