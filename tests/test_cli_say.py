@@ -136,6 +136,7 @@ def test_dub(run: Run, puppet_db: Path, tmp_path: Path) -> None:
     status, out, err = run("dub", *arguments, "-o", tmp_path / "o.mp4", "--json")
     assert (status, err) == (0, "")
     document = json.loads(out)
+    assert document["target"] == "paper", "four clips are too few for a guide"
     assert document["words"] == 3 and probe(tmp_path / "o.mp4").has_sound
     duration = read_sound(tmp_path / "voice.wav").duration
     assert document["frames"] == frame_count(duration, 25)

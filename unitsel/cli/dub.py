@@ -40,7 +40,8 @@ def run(options: argparse.Namespace, output: Output) -> None:
         hearing=True,
     )
     document = made.document | {
+        "target": made.target,
         "words": 0 if found.words is None else len(found.words),
         "notes": list(found.notes),
     }
-    output.result(document, "\n".join([made.text, *found.notes]))
+    output.result(document, "\n".join([f"{made.text}, target {made.target}", *found.notes]))

@@ -36,10 +36,13 @@ class Made:
         What `--json` prints.
     text : str
         The same for people.
+    target : str
+        Name of the target cost.
     """
 
     document: dict[str, Any]
     text: str
+    target: str
 
 
 def add_making(parser: argparse.ArgumentParser) -> None:
@@ -132,7 +135,7 @@ def make(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {segments} "
         f"segments, over {written.background}"
     )
-    return Made(document, "\n".join([text, *fallbacks]))
+    return Made(document, "\n".join([text, *fallbacks]), settings.target.name)
 
 
 def _settings(
