@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -65,9 +66,11 @@ class AlignSettings:
     tolerance : float
         Seconds by which a word may leave the bounds given for it before it is searched again
         inside them.
+    cue_tolerance : float
+        The same for the words of a cue: subtitles come and go by the reader's needs.
     """
 
-    attempts: Sequence[Attempt] = (
+    attempts: tuple[Attempt, ...] = (
         # A longer pad rescues what a wider beam alone does not: the second pass must end in
         # silence.
         Attempt(1e-48, 7e-29, 0.3, 3.0),
@@ -77,6 +80,7 @@ class AlignSettings:
         Attempt(1e-150, 1e-120, 0.5, 30.0),
     )
     tolerance: float = 0.08
+    cue_tolerance: float = 0.4
 
 
 class Aligner:
@@ -129,6 +133,8 @@ class Aligner:
         The sentence is aligned as a whole; a word that comes to lie outside its bounds is
         searched again inside them, and beside silence a word reaches to its bounds. Where the
         recogniser fails, the dictionary's phones share the word's time, and a note says so.
+        Of words that share a cue (`WordTrack.cues`) only the cue's ends are bounds: where one
+        of them lies beyond, all of the cue are searched again inside it.
 
         Raises
         ------
@@ -148,9 +154,14 @@ class Aligner:
             whole, attempts = [(w, []) for w in words.words], len(self.settings.attempts)
             notes.append("no attempt aligned the whole sentence; its words were aligned one by one")
         spoken = [w for w in whole if w[0]]
+        if words.cues:
+            spoken = self._inside_cues(samples, spoken, words, name, notes)
         found: list[Word] = []
         slack = self.settings.tolerance
         for (word, phones), start, end in zip(spoken, words.starts, words.ends, strict=True):
+            if words.cues and phones:
+                found.append((word, phones))
+                continue
             low, high = float(start), min(float(end), duration)
             if high - low < 2 * FRAME_SECONDS:
                 notes.append(f"word {word!r} at {low:.2f} s lies outside the sound; left out")
@@ -159,6 +170,39 @@ class Aligner:
                 phones = self._inside(samples, word, low, high, name, notes)
             found.append((word, reaching(phones, low, high, words)))
         return as_alignment(untangled(found), duration, attempts, tuple(notes), name)
+
+    def _inside_cues(
+        self,
+        samples: npt.NDArray[np.float32],
+        spoken: list[Word],
+        words: WordTrack,
+        name: str,
+        notes: list[str],
+    ) -> list[Word]:
+        """Words of which those of a cue lie inside it; without phones where they are not heard."""
+        out: list[Word] = []
+        slack = self.settings.cue_tolerance
+        for _, group in groupby(range(len(spoken)), key=lambda i: words.cues[i]):
+            places = list(group)
+            here = spoken[places[0] : places[-1] + 1]
+            low = max(words.starts[places[0]] - slack, 0.0)
+            high = min(words.ends[places[-1]] + slack, len(samples) / RATE)
+            if all(p and p[0].start >= low and p[-1].end <= high for _, p in here):
+                out += here
+                continue
+            said = [word for word, _ in here]
+            part = Sound(samples[round(low * RATE) : round(high * RATE)], RATE)
+            try:
+                heard = self._search(_checked(part, said, name), said, name)[0]
+            except AlignmentError:
+                notes.append(f"the cue {' '.join(said)[:40]!r} at {low:.2f} s was not heard")
+                heard = [(word, []) for word in said]
+            out += [
+                (word, [AlignedPhone(low + p.start, low + p.end, p.symbol) for p in phones])
+                for word, phones in heard
+                if word
+            ]
+        return out
 
     def _inside(
         self,

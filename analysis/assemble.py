@@ -8,11 +8,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from analysis.aam_points import Marks
+from analysis.corpus_lips import CorpusLips, LipSettings, fit_corpus_lips
 from analysis.cost_model import fit_cost_model
 from analysis.guide import GuideClip, GuideSettings, fit_guides
 from analysis.lag import LagSettings, find_lags, moved
 from analysis.phone_marks import SpokenClip, mark_phones
-from analysis.shards import Shard, read_shard
+from analysis.shards import OpenShard, Shard, read_shard
+from analysis.sound_offset import (
+    OffsetSettings,
+    SoundOffset,
+    correction,
+    find_sound_offset,
+    offset_note,
+)
 from analysis.texture import (
     TextureSettings,
     fit_texture,
@@ -23,9 +32,12 @@ from analysis.texture import (
 from database.guide_model import mouth_parameters
 from database.mask import Camera, Mask
 from database.phonemes import VISEME_OF
-from database.schema import DatabaseContent, Phones, Sequences, TextureModel, Units
+from database.schema import DatabaseContent, Phones, Sequences, TextureModel, UnitLips, Units
 from database.sound_features import moved_features
 from database.track import PhonemeTrack, context_frames, context_windows
+
+ALL_CLIPS = "all clips"
+"""Who is named in the report where a note is on the corpus as a whole."""
 
 
 def assemble(
@@ -37,6 +49,10 @@ def assemble(
     texture: TextureSettings,
     lag: LagSettings,
     guide: GuideSettings,
+    offset: OffsetSettings,
+    lips: LipSettings,
+    lip_marks: Marks | None,
+    codec: str,
     jobs: int,
     settings: dict[str, Any],
     skipped: dict[str, str],
@@ -50,10 +66,14 @@ def assemble(
         The analysed clips, in order.
     mask, camera, fps
         Of the database.
-    texture, lag, guide
+    texture, lag, guide, offset, lips
         Settings of what depends on all clips.
+    lip_marks : Marks, optional
+        Lips marked by hand.
+    codec : str
+        Of the shards' pictures.
     jobs : int
-        Networks fitted at a time.
+        Networks, or clips' lips, fitted at a time.
     settings : dict
         All settings of the build, for the record.
     skipped : dict
@@ -86,9 +106,21 @@ def assemble(
         pca.append(texture_weights(normalised, model))
         tell("describing mouths", i + 1, len(shards))
 
+    found = fit_corpus_lips(
+        shards,
+        pca,
+        mask=mask,
+        codec=codec,
+        settings=lips,
+        marks=lip_marks,
+        jobs=jobs,
+        tell=tell,
+    )
+    width, heights, opening = _mouths(found, joined)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
     frames = [shard["frame"] for shard in opened]
-    tracks, lags, notes = _in_step(shards, frames, np.split(heights, first[1:]), pca, fps, lag)
+    in_step = _in_step(shards, opened, frames, np.split(heights, first[1:]), pca, fps, lag, offset)
+    tracks, lags, notes, apart = in_step
     sound = tuple(
         moved_features(shard["sound"], seconds) for shard, seconds in zip(opened, lags, strict=True)
     )
@@ -105,9 +137,9 @@ def assemble(
         phoneme=phoneme,
         viseme=VISEME_OF[phoneme],
         pca=np.concatenate(pca),
-        mouth_width=joined("mouth_width"),
+        mouth_width=width,
         mouth_height=heights,
-        inner_opening=joined("inner_opening"),
+        inner_opening=opening,
         teeth=joined("teeth"),
         tongue=joined("tongue"),
         rotation=joined("rotation"),
@@ -135,7 +167,7 @@ def assemble(
     spoken = [
         SpokenClip((numbers + 0.5) / fps, opening, heard)
         for numbers, opening, heard in zip(
-            frames, np.split(units.inner_opening, first[1:]), sound, strict=True
+            frames, np.split(joined("inner_opening"), first[1:]), sound, strict=True
         )
     ]
     parameters = np.split(mouth_parameters(units), first[1:])
@@ -143,10 +175,24 @@ def assemble(
         GuideClip(track, (numbers + 0.5) / fps, mouths, heard)
         for track, numbers, mouths, heard in zip(tracks, frames, parameters, sound, strict=True)
     ]
-    report = {
+    report: dict[str, Any] = {
         "skipped": [{"clip": c, "reason": r} for c, r in skipped.items()],
         "repaired": [{"clip": c, "note": note} for c, note in notes],
+        "sound_offset": None if apart is None else apart.as_json(),
     }
+    starts = np.array([s.start for s in shards], np.float64)
+    if found is not None:
+        lost = [int((clip.found == 0).sum()) for clip in found.clips]
+        report["lips"] = {
+            "trained_on": found.trained_on,
+            "marked": found.marked,
+            "fallen_back": sum(lost),
+        }
+        report["repaired"] += [
+            {"clip": shard.name, "note": _lost_lips(k)}
+            for shard, k in zip(shards, lost, strict=True)
+            if k
+        ]
     content = DatabaseContent(
         fps=fps,
         units=units,
@@ -159,46 +205,81 @@ def assemble(
         marks=mark_phones(phones, spoken),
         sound=sound,
         guides=fit_guides(learnt, guide, jobs, tell),
+        lips=_unit_lips(found),
         settings=settings,
         report=report,
+        starts=starts if starts.any() else None,
     )
     return content, joined("landmarks")
 
 
+def _mouths(
+    found: CorpusLips | None, joined: Callable[[str], npt.NDArray[Any]]
+) -> tuple[npt.NDArray[np.float32], ...]:
+    """Width, height and inner opening of all units, (N,) each."""
+    if found is None:
+        return tuple(joined(name) for name in ("mouth_width", "mouth_height", "inner_opening"))
+    mouths = [clip.geometry for clip in found.clips]
+    parts = ([m.width for m in mouths], [m.height for m in mouths], [m.opening for m in mouths])
+    return tuple(np.concatenate(part) for part in parts)
+
+
+def _unit_lips(found: CorpusLips | None) -> UnitLips | None:
+    if found is None:
+        return None
+    return UnitLips(
+        found.model,
+        np.concatenate([clip.points for clip in found.clips]),
+        np.concatenate([clip.found for clip in found.clips]),
+    )
+
+
+def _lost_lips(frames: int) -> str:
+    what = "frame" if frames == 1 else "frames"
+    return f"lips not found by the lip model in {frames} {what}; the face mesh's stand in"
+
+
 def _in_step(
     shards: Sequence[Shard],
+    opened: Sequence[OpenShard],
     frames: Sequence[npt.NDArray[np.int32]],
     heights: Sequence[npt.NDArray[np.float32]],
     pca: Sequence[npt.NDArray[np.float32]],
     fps: float,
     lag_settings: LagSettings,
-) -> tuple[list[PhonemeTrack], list[float], tuple[tuple[str, str], ...]]:
-    """Tracks in step with the picture, by how much each was moved, and all repairs."""
+    offset: OffsetSettings,
+) -> tuple[list[PhonemeTrack], list[float], tuple[tuple[str, str], ...], SoundOffset | None]:
+    """Tracks in step with the picture, by how much each was moved, all repairs, the offset."""
+    apart = find_sound_offset(frames, heights, [s["sound"] for s in opened], fps, offset)
+    common = -correction(apart, offset)
     expected = [np.column_stack([h, p[:, 0]]) for h, p in zip(heights, pca, strict=True)]
     original = [s.track for s in shards]
+    if common:
+        original = [moved(s.track, common, s.frames / fps) for s in shards]
     lags = find_lags(original, frames, expected, fps, lag_settings)
     tracks = []
     applied = []
-    notes = []
-    for shard, lag in zip(shards, lags, strict=True):
+    note = offset_note(apart, offset)
+    notes = [] if note is None else [(ALL_CLIPS, note)]
+    for shard, track, lag in zip(shards, original, lags, strict=True):
         notes += [(shard.name, note) for note in shard.notes]
         if lag == 0.0:
-            tracks.append(shard.track)
-            applied.append(0.0)
+            tracks.append(track)
+            applied.append(common)
             continue
         side = "later" if lag > 0 else "earlier"
         what = f"lips move {abs(lag):.2f} s {side} than the "
         if shard.given:
             # Whoever times phones by hand knows better than we do.
-            tracks.append(shard.track)
-            applied.append(0.0)
+            tracks.append(track)
+            applied.append(common)
             what += "phones of the timing file, which were left as they are"
         else:
-            tracks.append(moved(shard.track, lag, shard.frames / fps))
-            applied.append(lag)
+            tracks.append(moved(track, lag, shard.frames / fps))
+            applied.append(common + lag)
             what += "sound; phones moved"
         notes.append((shard.name, what))
-    return tracks, applied, tuple(notes)
+    return tracks, applied, tuple(notes), apart
 
 
 def _fit_texture(

@@ -22,14 +22,16 @@ from typing import Final
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
-from analysis.corpus import find_clips
+from analysis.corpus import Clip, picked
+from analysis.corpus_lips import read_lip_marks
 from analysis.estimate import Estimate
+from analysis.footage import clips_of
 from analysis.g2p import speaking_lexicon
 from analysis.interrupts import workers_uninterrupted
 from analysis.models import find_models
 from analysis.shard_store import ShardStore
 from database.errors import CorpusError, DatabaseError
-from database.pictures import find_codec
+from database.pictures import AUTO_CODEC, find_codec
 
 __all__ = ["BuildReport", "BuildSettings", "Progress", "ShardSettings", "build_database"]
 
@@ -40,13 +42,14 @@ SHARDS_SUFFIX: Final = ".shards"
 
 
 def build_database(
-    corpus: str | Path,
+    corpus: str | Path | Sequence[Clip],
     output: str | Path,
     *,
     settings: BuildSettings | None = None,
     jobs: int = 2,
     limit: int | None = None,
     exclude: Sequence[str] = (),
+    timing: str | Path | None = None,
     person: Sequence[str] = (),
     models: str | Path | None = None,
     dictionary: str | Path | None = None,
@@ -54,15 +57,15 @@ def build_database(
     announce: Callable[[Estimate], None] | None = None,
     progress: Progress | None = None,
 ) -> BuildReport:
-    """Build a database from a folder of clips.
+    """Build a database from footage.
 
     A build that was killed or interrupted goes on where it was when it is started again, and
     one of more clips analyses only those; either gives what a build in one go gives.
 
     Parameters
     ----------
-    corpus : path
-        Folder; see `analysis.corpus`.
+    corpus : path or sequence of Clip
+        Folder, manifest or one long video; see `analysis.footage`.
     output : path
         The database, replaced when the new one is complete.
     settings : BuildSettings, optional
@@ -72,6 +75,8 @@ def build_database(
         Take only so many clips, spread evenly over the sorted names.
     exclude : sequence of str
         Clips to leave out.
+    timing : path, optional
+        Timing file of one long video; by default the one beside it.
     person : sequence of str
         Clips to make the mask of, in this order of preference; by default all, sorted by name.
     models : path, optional
@@ -104,18 +109,24 @@ def build_database(
     chosen = settings or BuildSettings()
     kept = shards or ShardSettings()
     target = Path(output)
-    find_codec(chosen.codec)
+    if chosen.codec != AUTO_CODEC:
+        find_codec(chosen.codec)
     _check_output(target)
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")
     # Absolute, since a worker may have been started in another folder.
-    clips = [c.absolute() for c in find_clips(corpus, limit=limit, exclude=exclude)]
+    if isinstance(corpus, str | Path):
+        found = clips_of(corpus, timing=timing, limit=limit, exclude=exclude)
+    else:
+        found = picked(list(corpus), target, limit=limit, exclude=exclude)
+    clips = [c.absolute() for c in found]
+    marks = read_lip_marks(chosen.lips, [c.name for c in clips])
     speech = Speech(speaking_lexicon(dictionary), dictionary)
     face_models = find_models(models)
     folder = Path(kept.folder or target.with_name(target.name + SHARDS_SUFFIX)).absolute()
     with ExitStack() as held:
         held.enter_context(only_build(target.with_name(f".{target.name}.lock"), target))
-        store = ShardStore(folder, fresh=kept.restart)
+        store = ShardStore(folder, fresh=kept.restart, others=kept.others)
         held.enter_context(only_build(store.lock, folder, lasting=True))
         held.enter_context(workers_uninterrupted())
         clear_partials(target.parent, f".{target.name}.*.partial")
@@ -125,7 +136,7 @@ def build_database(
             if announce is not None:
                 announce(work.estimate)
             work.analyse(speech)
-            content = work.write()
+            content = work.write(marks)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(work.interrupted()) from None
         except OSError as error:

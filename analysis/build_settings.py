@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from analysis.align import AlignSettings
+from analysis.corpus_lips import LipSettings
 from analysis.estimate import Estimate
 from analysis.face import FaceSettings
 from analysis.guide import GuideSettings
+from analysis.hand_points import HandPoints
 from analysis.lag import LagSettings
 from analysis.motion import CropSettings, MotionSettings
+from analysis.sound_offset import OffsetSettings
 from analysis.texture import TextureSettings
+from database.mask import Camera
+from database.pictures import AUTO_CODEC
 
 
 @dataclass(frozen=True)
@@ -23,14 +28,23 @@ class BuildSettings:
     ----------
     focal : float, optional
         Focal length of the camera in pixels; assumed where it is not known.
+    camera : Camera, optional
+        Calibrated (`analysis.calibration.read_camera`); goes before `focal`.
+    estimate_focal : bool
+        Estimate the focal length over the first clips, where neither of these is given.
+    hand : HandPoints, optional
+        Six points marked in a frame of one clip, which rule the mask and its initial pose.
     codec : str
-        Codec of the stored pictures.
-    face, motion, crop, texture, align, lag, guide
+        Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
+    face, motion, crop, texture, align, lag, guide, offset, lips
         Settings of the steps.
     """
 
     focal: float | None = None
-    codec: str = "png"
+    camera: Camera | None = None
+    estimate_focal: bool = False
+    hand: HandPoints | None = None
+    codec: str = AUTO_CODEC
     face: FaceSettings = field(default_factory=FaceSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     crop: CropSettings = field(default_factory=CropSettings)
@@ -38,6 +52,8 @@ class BuildSettings:
     align: AlignSettings = field(default_factory=AlignSettings)
     lag: LagSettings = field(default_factory=LagSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
+    offset: OffsetSettings = field(default_factory=OffsetSettings)
+    lips: LipSettings = field(default_factory=LipSettings)
 
 
 @dataclass(frozen=True)
@@ -54,11 +70,14 @@ class ShardSettings:
         Whether they stay when the database is complete, for a later build of more clips.
     restart : bool
         Analyse all clips anew.
+    others : tuple of Path
+        Folders of other builds, from which clips are taken over.
     """
 
     folder: str | Path | None = None
     keep: bool = True
     restart: bool = False
+    others: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from analysis.aam_points import Marks
 from analysis.assemble import assemble
 from analysis.build_settings import BuildSettings
 from analysis.clip import sha256_of
@@ -16,11 +17,13 @@ from analysis.estimate import Estimate, estimate_build, size_text
 from analysis.face import FaceFinder
 from analysis.identity import circumstances
 from analysis.models import FaceModels
+from analysis.reference import to_stored
 from analysis.shard_store import ShardStore
 from analysis.shards import Refusal, Shard, read_shard
 from database.errors import CorpusError, UnitselError
 from database.lexicon import Lexicon
 from database.media import MediaInfo, probe
+from database.pictures import AUTO_CODEC, codec_for
 from database.schema import DatabaseContent
 from database.writer import write_database
 
@@ -97,6 +100,7 @@ class Work:
             If there is too little space.
         """
         settings, store = self._settings, self._store
+        self._clips = tuple(clips)
         infos = self._probe(clips)
         self._fps = self._frame_rate(clips, infos)
         sums = self._checksums([c for c in clips if c.name not in self.skipped])
@@ -104,8 +108,16 @@ class Work:
         finder = FaceFinder(self._models, settings.face)
         self._tell("finding the person", 0, 1)
         looked_at = _named(usable, person) if person else usable
+        if settings.hand is not None:
+            # First, so that a person who is kept is found anew when this clip changes.
+            marked = _named(usable, [settings.hand.clip])
+            looked_at = marked + [c for c in looked_at if c not in marked]
         self._person, self.person = store.person(looked_at, sums, finder, self._models, settings)
         self._tell("finding the person", 1, 1)
+        if settings.codec == AUTO_CODEC:
+            patch = self._person.mask.patch
+            settings = replace(settings, codec=codec_for(patch.crop_width, patch.crop_height))
+            self._settings = settings
         store.enter(
             circumstances(self._person, self._fps, self._models, speech.dictionary, settings)
         )
@@ -168,8 +180,13 @@ class Work:
             first = next(iter(self.skipped.values()))
             raise CorpusError(f"none of the {total} clips could be used; the first: {first}")
 
-    def write(self) -> DatabaseContent:
+    def write(self, marks: Marks | None = None) -> DatabaseContent:
         """Fit what depends on all clips and write the database.
+
+        Parameters
+        ----------
+        marks : Marks, optional
+            Lips marked by hand.
 
         Raises
         ------
@@ -185,11 +202,20 @@ class Work:
             texture=settings.texture,
             lag=settings.lag,
             guide=settings.guide,
+            offset=settings.offset,
+            lips=settings.lips,
+            lip_marks=marks,
+            codec=settings.codec,
             jobs=self._jobs,
             settings=asdict(settings),
             skipped=self.skipped,
             tell=self._tell,
         )
+        report = content.report | {
+            "footage": [c.as_json() for c in self._clips],
+            "person": list(self.person),
+        }
+        content = replace(content, rigid=to_stored(self._person.reference), report=report)
         write_database(
             self._target,
             content,
@@ -224,7 +250,7 @@ class Work:
         infos = {}
         for clip in clips:
             try:
-                infos[clip.name] = probe(clip.media)
+                infos[clip.name] = probe(clip.source)
             except UnitselError as error:
                 self.skipped[clip.name] = str(error)
         if not infos:
@@ -240,7 +266,7 @@ class Work:
             info = infos.get(clip.name)
             if info is not None and info.fps < 0.98 * fps:
                 self.skipped[clip.name] = (
-                    f"{clip.media}: has {info.fps:g} frames a second, less than the corpus's "
+                    f"{clip.source}: has {info.fps:g} frames a second, less than the corpus's "
                     f"{fps:g}"
                 )
         return fps

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -13,21 +14,21 @@ import numpy.typing as npt
 
 from analysis.align import Aligner
 from analysis.alignment import Alignment
+from analysis.articulators import teeth_and_tongue
 from analysis.corpus import Clip, align_clip
 from analysis.face import FaceFinder
-from analysis.lips import LipGeometry, lip_geometry, teeth_and_tongue
-from analysis.motion import MotionSettings, estimate_poses
-from analysis.smoothing import runs
+from analysis.head_motion import HeadFollower
+from analysis.lips import LipGeometry, lip_geometry
+from analysis.motion import MotionSettings
+from analysis.reference import Reference
 from analysis.texture import reduce_crop
 from database.errors import FaceError, MediaError
 from database.mask import Camera, Mask, Poses, cut_crop
-from database.media import MediaInfo, probe, read_video
+from database.media import probe, read_video
 from database.pictures import encode
+from database.piece import Source
 from database.sound import Sound, read_sound
 from database.sound_features import BANDS, sound_features
-
-SHORTEST_RUN = 3
-"""Frames: a face seen for less is a false alarm, and no pose can be smoothed over it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,9 @@ class TrackedFace:
     poses : Poses of length n
     camera : Camera
         The camera of this video.
+    lost : (n,) bool
+        Frames in which image gradients did not find the face, so that the pose is the feature
+        points'; none where gradients were not asked.
     """
 
     frames: int
@@ -52,10 +56,15 @@ class TrackedFace:
     landmarks: npt.NDArray[np.float32]
     poses: Poses
     camera: Camera
+    lost: npt.NDArray[np.bool_]
 
     def missing(self) -> list[int]:
         """Numbers of the frames without a face."""
         return sorted(set(range(self.frames)) - set(self.numbers.tolist()))
+
+    def by_points(self) -> list[int]:
+        """Numbers of the frames in which image gradients lost the face."""
+        return [int(number) for number in self.numbers[self.lost]]
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,8 @@ class AnalysedClip:
         Encoded crops; empty where no codec was asked for.
     sound : (steps, 26) float16
         `database.sound_features.sound_features`; no steps where the clip has no sound.
+    start : float
+        Seconds at which the clip begins in its media file.
     """
 
     name: str
@@ -93,22 +104,25 @@ class AnalysedClip:
     reduced: npt.NDArray[np.uint8]
     pictures: list[bytes]
     sound: npt.NDArray[np.float16]
+    start: float = 0.0
 
 
 def track_face(
-    media: str | Path,
+    media: Source,
     mask: Mask,
     camera: Camera,
     finder: FaceFinder,
     *,
     fps: float | None = None,
     settings: MotionSettings | None = None,
+    known: Mapping[int, npt.NDArray[np.float64]] | None = None,
+    reference: Reference | None = None,
 ) -> TrackedFace:
     """Follow the head through a video, one picture at a time.
 
     Parameters
     ----------
-    media : path
+    media : path or Piece
     mask : Mask
         Of the person.
     camera : Camera
@@ -117,6 +131,11 @@ def track_face(
     fps : float, optional
         Rate to read the video at; its own by default.
     settings : MotionSettings, optional
+    known : mapping of int to (3, 4) float64, optional
+        Frame numbers whose pose is known (`analysis.hand_points.pose_by_hand`): these, not the
+        feature points, say where the mask sits on the face.
+    reference : Reference, optional
+        Of the person: says the same, alike for all clips.
 
     Raises
     ------
@@ -128,42 +147,23 @@ def track_face(
     info = probe(media)
     own_camera = camera.scaled_to(info.width, info.height)
     finder.reset()
-    found: list[tuple[int, npt.NDArray[np.float32]]] = []
+    follower = HeadFollower(mask, own_camera, settings, known, reference)
     frames = 0
     for frame in read_video(media, fps):
         frames = frame.index + 1
         mesh = finder.find(frame.rgb)
         if mesh is not None:
-            found.append((frame.index, mesh.points[:, :2]))
-    stretches = [r for r in runs([i for i, _ in found]) if r[1] - r[0] >= SHORTEST_RUN]
-    numbers: list[int] = []
-    landmarks: list[npt.NDArray[np.float32]] = []
-    rotations: list[npt.NDArray[np.float32]] = []
-    translations: list[npt.NDArray[np.float32]] = []
-    for first, last in stretches:
-        points = np.stack([p for _, p in found[first:last]])
-        try:
-            poses, good = estimate_poses(points, mask, own_camera, settings)
-        except FaceError:
-            continue
-        for k in np.flatnonzero(good):
-            numbers.append(found[first + k][0])
-            landmarks.append(points[k])
-            rotations.append(poses.rotations[k])
-            translations.append(poses.translations[k])
-    if not numbers:
+            follower.add(frame.index, frame.rgb, mesh.points[:, :2])
+    motion = follower.finish()
+    if not len(motion.numbers):
         raise FaceError(f"{media}: shows no face that can be followed, in {frames} frames")
     return TrackedFace(
-        frames,
-        np.array(numbers, np.int32),
-        np.stack(landmarks),
-        Poses(np.stack(rotations), np.stack(translations)),
-        own_camera,
+        frames, motion.numbers, motion.landmarks, motion.poses, own_camera, motion.lost
     )
 
 
 def cut_crops(
-    media: str | Path, face: TrackedFace, mask: Mask, *, fps: float | None = None
+    media: Source, face: TrackedFace, mask: Mask, *, fps: float | None = None
 ) -> Iterator[npt.NDArray[np.uint8]]:
     """Cut the mouths out of a video that has been tracked, head motion taken out.
 
@@ -201,6 +201,7 @@ def analyse_clip(
     fps: float | None = None,
     codec: str | None = None,
     settings: MotionSettings | None = None,
+    reference: Reference | None = None,
 ) -> AnalysedClip:
     """Analyse a clip.
 
@@ -216,6 +217,8 @@ def analyse_clip(
     codec : str, optional
         Encode the crops with this codec; without it they are only described.
     settings : MotionSettings, optional
+    reference : Reference, optional
+        Of the person (`analysis.person.Person`).
 
     Raises
     ------
@@ -223,15 +226,16 @@ def analyse_clip(
         Of the kind that says what is wrong with the clip.
     """
     cv2.setNumThreads(1)  # Clips are analysed side by side; threads inside would fight.
-    info = probe(clip.media)
-    sound = _sound_of(info)
+    source = clip.source
+    info = probe(source)
+    sound = read_sound(source) if info.has_sound else None
     alignment = align_clip(clip, sound, info.duration, aligner)
-    face = track_face(clip.media, mask, camera, finder, fps=fps, settings=settings)
+    face = track_face(source, mask, camera, finder, fps=fps, settings=settings, reference=reference)
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
     reduced: list[npt.NDArray[np.uint8]] = []
     pictures: list[bytes] = []
-    for i, crop in enumerate(cut_crops(clip.media, face, mask, fps=fps)):
+    for i, crop in enumerate(cut_crops(source, face, mask, fps=fps)):
         seen.append(teeth_and_tongue(crop, lips.contours[i], float(lips.opening[i]), mask.patch))
         reduced.append(reduce_crop(crop))
         if codec is not None:
@@ -249,17 +253,20 @@ def analyse_clip(
         np.stack(reduced),
         pictures,
         _features_of(sound),
+        clip.start,
     )
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
+    """SHA-256 of a file, in hexadecimal; kept while the file stays as it is."""
+    stat = path.stat()
+    return _sha256_of(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _sha256_of(path: Path, size: int, changed: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _sound_of(info: MediaInfo) -> Sound | None:
-    return read_sound(info.path) if info.has_sound else None
 
 
 def _features_of(sound: Sound | None) -> npt.NDArray[np.float16]:

@@ -132,7 +132,7 @@ def _analyse_into(i: int, task: ClipTask, shared: Shared) -> tuple[int, Shard | 
     _end_with(shared.process)
     cv2.setNumThreads(1)  # Clips run side by side; threads inside would fight.
     started = time.monotonic()
-    media = task.clip.media
+    media = task.clip.source
     try:
         analysed: AnalysedClip = analyse_clip(
             task.clip,
@@ -143,6 +143,7 @@ def _analyse_into(i: int, task: ClipTask, shared: Shared) -> tuple[int, Shard | 
             fps=shared.fps,
             codec=shared.codec,
             settings=shared.motion,
+            reference=shared.person.reference,
         )
     except (MediaError, ModelError) as error:
         # Perhaps a disk's or memory's fault and not the clip's: tried again next time.

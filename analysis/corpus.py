@@ -12,14 +12,18 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from analysis.align import Aligner
 from analysis.alignment import Alignment
-from database.errors import CorpusError, TimingError
+from analysis.cut import timing_of_piece
+from database.errors import CorpusError, MediaError, TimingError
+from database.media import probe
+from database.piece import Piece
 from database.sound import Sound
 from database.timing import Timing, read_timing, read_words, timing_extensions
 from database.timing.words import WordTrack
@@ -40,20 +44,58 @@ class Clip:
     Parameters
     ----------
     name : str
-        File name without extension (with its folder where two clips share it).
+        File name without extension (with its folder where two clips share it), and the times
+        of a piece.
     media : Path
     scripts : tuple of Path
-        Timing files and text beside it.
+        Timing files and text beside it; times are those of the media file.
+    start : float
+        Seconds at which the clip begins in the media file, on a frame.
+    end : float, optional
+        Where it ends; by default with the file.
+    words : tuple of str
+        What is said, where that stands in no file.
     """
 
     name: str
     media: Path
     scripts: tuple[Path, ...]
+    start: float = 0.0
+    end: float | None = None
+    words: tuple[str, ...] = ()
+
+    @property
+    def source(self) -> Piece:
+        """What is to be read: the file, or the piece of it."""
+        return Piece(self.media, self.start, self.end)
+
+    def as_json(self) -> dict[str, Any]:
+        """The clip as a database's report keeps it; `from_json` reads it."""
+        document: dict[str, Any] = {
+            "name": self.name,
+            "media": str(self.media),
+            "scripts": [str(s) for s in self.scripts],
+        }
+        if not self.source.whole:
+            document |= {"start": self.start, "end": self.end}
+        return document | ({"words": list(self.words)} if self.words else {})
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> Clip:
+        """What `as_json` made."""
+        return cls(
+            document["name"],
+            Path(document["media"]),
+            tuple(Path(s) for s in document["scripts"]),
+            document.get("start", 0.0),
+            document.get("end"),
+            tuple(document.get("words", ())),
+        )
 
     def absolute(self) -> Clip:
         """The same clip, wherever one stands."""
         scripts = tuple(s.absolute() for s in self.scripts)
-        return Clip(self.name, self.media.absolute(), scripts)
+        return replace(self, media=self.media.absolute(), scripts=scripts)
 
 
 def find_clips(
@@ -102,6 +144,45 @@ def find_clips(
         for p in media
     ]
     clips.sort(key=lambda c: c.name)
+    return picked(clips, root, limit=limit, exclude=exclude)
+
+
+def scripts_beside(media: Path) -> tuple[Path, ...]:
+    """Timing files and text beside a media file."""
+    readable = {*timing_extensions(), ".txt"}
+    found = (p for p in media.parent.glob("*") if p.stem == media.stem and p.is_file())
+    return tuple(sorted(p for p in found if p.suffix.lower() in readable))
+
+
+def clip_name(stem: str, start: float | None, end: float | None) -> str:
+    """Name of a clip that may be a piece of its file; names sort as the pieces follow."""
+    if start is None and end is None:
+        return stem
+    until = "" if end is None else f"{end:08.2f}"
+    return f"{stem}@{start or 0.0:08.2f}-{until}"
+
+
+def snapped(media: Path, start: float) -> float:
+    """A time moved to the start of the video's nearest frame."""
+    if start == 0:
+        return 0.0
+    try:
+        fps = probe(media).fps
+    except MediaError:
+        return start  # The build says what is wrong with the file.
+    return round(start * fps) / fps
+
+
+def picked(
+    clips: list[Clip], root: Path, *, limit: int | None = None, exclude: Sequence[str] = ()
+) -> list[Clip]:
+    """Clips without the excluded ones, and only so many, spread evenly.
+
+    Raises
+    ------
+    CorpusError
+        If an excluded name is not there, the limit is below 1, or nothing is left.
+    """
     clips = _without(clips, exclude, root)
     if limit is not None:
         if limit < 1:
@@ -144,17 +225,20 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
     TimingError, PronunciationError, AlignmentError
         If a script cannot be read or its words cannot be aligned.
     """
-    if not clip.scripts:
+    if not clip.scripts and not clip.words:
         raise CorpusError(
-            f"{clip.media}: has no words; put {clip.media.stem}.txt or a timing file beside it"
+            f"{clip.source}: has no words; put {clip.media.stem}.txt or a timing file beside it"
         )
     given: PhonemeTrack | None = None
     timed: WordTrack | None = None
-    plain: list[str] | None = None
+    plain: list[str] | None = list(clip.words) or None
     complaints: list[TimingError] = []
     for script in sorted(clip.scripts, key=lambda p: (p.suffix.lower() == ".txt", p.name)):
         try:
-            timing = _read_script(script)
+            timing = read_script(script)
+            if not isinstance(timing, list) and not clip.source.whole:
+                end = clip.start + duration
+                timing = timing_of_piece(timing, clip.start, end, str(script))
         except TimingError as error:
             complaints.append(error)
             continue
@@ -167,32 +251,54 @@ def align_clip(clip: Clip, sound: Sound | None, duration: float, aligner: Aligne
         text = " ".join(timed.words if timed else plain or ())
         return Alignment(fitted(given, duration), timed, 0, _unused(complaints), text)
     if timed is None and plain is None:
-        raise complaints[0] if complaints else CorpusError(f"{clip.media}: has no words")
+        raise complaints[0] if complaints else CorpusError(f"{clip.source}: has no words")
     if sound is None:
         raise CorpusError(
-            f"{clip.media}: has no sound, so its words cannot be timed; put a phone-level timing "
+            f"{clip.source}: has no sound, so its words cannot be timed; put a phone-level timing "
             "file beside it"
         )
     if timed is not None:
-        found = aligner.align_bounded(sound, timed, name=str(clip.media))
+        found = aligner.align_bounded(sound, timed, name=str(clip.source))
     else:
-        found = aligner.align(sound, plain or [], name=str(clip.media))
+        found = aligner.align(sound, plain or [], name=str(clip.source))
     # Sound and picture seldom end together.
     notes = (*_unused(complaints), *found.notes)
     return replace(found, track=fitted(found.track, duration), notes=notes)
 
 
-def _read_script(script: Path) -> Timing | list[str]:
-    """What a script holds: times, or words alone."""
+def read_script(script: Path) -> Timing | list[str]:
+    """What a script holds: times, or words alone; kept while the file stays as it is.
+
+    Raises
+    ------
+    TimingError
+        If it cannot be read.
+    """
+    try:
+        stat = script.stat()
+    except OSError:
+        return _read_script(script, 0, 0)  # Says what is wrong.
+    return _read_script(script, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _read_script(script: Path, size: int, changed: int) -> Timing | list[str]:
+    # Pieces of one long recording share its timing file.
     if script.suffix.lower() == ".txt":
         return read_words(script)
     try:
-        return read_timing(script)
+        timing = read_timing(script)
     except TimingError as error:
         if script.suffix.lower() == ".lab":
             with suppress(TimingError):  # Words may stand in it, too; else the first error counts.
                 return read_words(script)
         raise error
+    if timing.shapes_only:
+        raise TimingError(
+            f"{script}: holds mouth shapes, which do not say what is spoken; put the words beside "
+            "the clip"
+        )
+    return timing
 
 
 def _unused(complaints: Sequence[TimingError]) -> tuple[str, ...]:

@@ -34,7 +34,7 @@ WHOLE_TO_TRIAL: Final = 2.0
 """Time of a frame's whole analysis to that of the trial: alignment, gradients, second reading."""
 
 FIT_SECONDS: Final = 2.0
-UNIT_FIT_SECONDS: Final = 0.0015
+UNIT_FIT_SECONDS: Final = 0.003
 """Seconds for what depends on all clips and for writing: at least, and more for each unit."""
 
 SHARD_BYTES: Final = 42 * 40 * 3 + 468 * 2 * 4 + 200
@@ -150,7 +150,7 @@ def estimate_build(
     if needed > MARGIN * free:
         raise DatabaseError(
             f"{target}: the build needs about {size_text(needed)}, and {size_text(free)} are free "
-            "there; free some, choose another place, take fewer clips (--limit), or --codec webp"
+            "there; free some, choose another place, take fewer clips (--limit), or --codec avif:85"
         )
     workers = min(jobs, max(1, len(clips)))
     seconds = each * frames / workers + FIT_SECONDS + UNIT_FIT_SECONDS * total
@@ -170,7 +170,7 @@ def _trial(
         try:
             finder.reset()
             pictures = []
-            video = read_video(clip.media)
+            video = read_video(clip.source)
             # The first frame pays for the start.
             first = next(video).rgb
             finder.find(first)

@@ -7,22 +7,32 @@ detector is asked only at the start and after the face was lost.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from analysis.detector import FaceBox, FaceDetector, load_network, people
+from analysis.faces import Company
 from analysis.models import FaceModels
-from database.errors import ModelError
 from database.mask import N_VERTICES, OUTER_EYE_CORNERS
 
 Picture = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
 
-DETECTOR_SIZE = 128
 MESH_SIZE = 192
+
+AROUND: Final = 4.0
+"""Side of the part in which a lost face is looked for first, in parts of its size."""
+
+LOOK_ROUND: Final = 12
+"""Frames of following after which it is looked again who else is there."""
+
+LONGEST_PAUSE: Final = 15
+"""Frames without a search of the picture's parts after several that found nothing."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +47,8 @@ class FaceSettings:
         Side of the meshed region in relation to the detector's box or the mesh's extent.
     smallest : float
         Least width of a face in pixels between the outer eye corners.
+    face : str
+        Which face, where there are several; see `analysis.faces.choose`.
     looks : sequence of (scale, radians)
         The mesh is read off the region and again off slightly larger or smaller, turned ones,
         and averaged: the network's errors differ from one to the next, the face does not. (On
@@ -48,6 +60,7 @@ class FaceSettings:
     mesh_score: float = 0.5
     region_scale: float = 1.5
     smallest: float = 12.0
+    face: str = "main"
     looks: tuple[tuple[float, float], ...] = ((0.93, -0.06), (1.07, 0.06))
 
 
@@ -105,14 +118,15 @@ class FaceFinder:
 
     def __init__(self, models: FaceModels, settings: FaceSettings | None = None) -> None:
         self.settings = settings or FaceSettings()
-        self._detector = _load(models.detector)
-        self._mesh = _load(models.mesh)
-        self._anchors = _anchors()
-        self._previous: Points | None = None
+        self._detector = FaceDetector(models.detector, self.settings.detection_score)
+        self._mesh = load_network(models.mesh)
+        self.reset()
 
     def reset(self) -> None:
-        """Forget the last frame: the next one starts a new video."""
-        self._previous = None
+        """Forget the last frame and who was seen: the next frame starts a new video."""
+        self._previous: Points | None = None
+        self._company = Company(self.settings.face)
+        self._followed = self._pause = self._wait = 0
 
     def find(self, picture: Picture) -> FaceMesh | None:
         """The face of the next frame, or None.
@@ -126,15 +140,14 @@ class FaceFinder:
         if self._previous is not None:
             found = self._meshed(picture, _region_of_mesh(self._previous, self.settings))
         if found is None:
-            region = self._detected(picture)
-            if region is not None:
-                found = self._meshed(picture, region)
-                if found is not None:
-                    # The detector's box is rough: once more around the mesh it led to.
-                    again = _region_of_mesh(found.points, self.settings)
-                    found = self._meshed(picture, again) or found
+            found = self._searched(picture)
+        elif self._followed % LOOK_ROUND == 0:
+            self._company.look_round(self._detector.faces(picture))
         if found is not None:
             found = self._looked_again(picture, found)
+            x, y = found.points[:, :2].mean(axis=0)
+            self._company.follow(float(x), float(y))
+        self._followed = 0 if found is None else self._followed + 1
         self._previous = None if found is None else found.points
         return found
 
@@ -148,47 +161,45 @@ class FaceFinder:
                 meshes.append(mesh.points)
         return FaceMesh(np.mean(meshes, axis=0, dtype=np.float32), found.score)
 
-    def _detected(self, picture: Picture) -> _Region | None:
+    def _searched(self, picture: Picture) -> FaceMesh | None:
+        """The wanted face without a hint from the last frame."""
         height, width = picture.shape[:2]
-        side = max(height, width)
-        scale = DETECTOR_SIZE / side
-        # Letter-boxed so that the face keeps its proportions.
-        left, top = (side - width) / 2, (side - height) / 2
-        to_input = np.array([[scale, 0, left * scale], [0, scale, top * scale]])
-        flags = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        small = np.zeros((DETECTOR_SIZE, DETECTOR_SIZE, 3), np.uint8)
-        w, h = max(1, round(width * scale)), max(1, round(height * scale))
-        x, y = round(to_input[0, 2]), round(to_input[1, 2])
-        x, y = min(x, DETECTOR_SIZE - w), min(y, DETECTOR_SIZE - h)
-        small[y : y + h, x : x + w] = cv2.resize(picture, (w, h), interpolation=flags)
-        blob = (small.astype(np.float32) / 127.5 - 1).transpose(2, 0, 1)[None]
-        self._detector.setInput(blob)
-        logits, boxes = self._detector.forward(["classificators", "regressors"])
-        scores = 1 / (1 + np.exp(-np.clip(logits.reshape(-1), -50, 50)))
-        best = scores >= self.settings.detection_score
-        if not best.any():
-            return None
-        values = boxes.reshape(-1, 16)
-        centres = values[:, :2] + self._anchors * DETECTOR_SIZE
-        sizes = values[:, 2]
-        # Of several faces the largest and surest; boxes of one face overlap, and are averaged.
-        top_one = int(np.argmax(np.where(best, scores * sizes, -1)))
-        near = np.linalg.norm(centres - centres[top_one], axis=1) < 0.3 * sizes[top_one]
-        chosen = best & near
-        weights = scores[chosen] / scores[chosen].sum()
-        centre = weights @ centres[chosen]
-        size = float(weights @ sizes[chosen])
-        eyes = (
-            values[chosen][:, 4:8].reshape(-1, 2, 2)
-            + self._anchors[chosen][:, None] * DETECTOR_SIZE
-        )
-        right, left_eye = np.tensordot(weights, eyes, axes=1)
-        angle = float(np.arctan2(left_eye[1] - right[1], left_eye[0] - right[0]))
-        cx = (centre[0] - x) / w * width
-        cy = (centre[1] - y) / h * height
-        return _Region(
-            float(cx), float(cy), size / DETECTOR_SIZE * side * self.settings.region_scale, angle
-        )
+        seen: list[FaceBox] = []
+        for faces in self._sightings(picture):
+            left = list(faces)
+            seen += faces
+            while (chosen := self._company.pick(left, width, height)) is not None:
+                side = chosen.size * self.settings.region_scale
+                found = self._meshed(picture, _Region(chosen.x, chosen.y, side, chosen.angle))
+                if found is not None:
+                    self._company.settle(chosen, seen)
+                    self._pause = self._wait = 0
+                    # The detector's box is rough: once more around the mesh it led to.
+                    again = _region_of_mesh(found.points, self.settings)
+                    return self._meshed(picture, again) or found
+                left.remove(chosen)
+                seen.remove(chosen)
+        return None
+
+    def _sightings(self, picture: Picture) -> Iterator[list[FaceBox]]:
+        """Faces of the picture, then of ever smaller parts of it."""
+        last = self._company.wanted
+        whole = self._detector.faces(picture)
+        counts = last is None and self._company.counts
+        if not counts:
+            yield whole
+        if last is not None:
+            side = round(AROUND * last.size)
+            corner = round(last.x - side / 2), round(last.y - side / 2)
+            yield self._detector.faces_in(picture, *corner, side)
+        if self._pause > 0:
+            self._pause -= 1
+            return
+        # A picture without the face costs dozens of looks, so the next ones are spared them.
+        self._wait = min(2 * self._wait + 1, LONGEST_PAUSE)
+        self._pause = self._wait
+        small = self._detector.small_faces(picture)
+        yield people(whole + small) if counts else small
 
     def _meshed(self, picture: Picture, region: _Region) -> FaceMesh | None:
         to_picture = region.to_picture()
@@ -225,21 +236,3 @@ def _region_of_mesh(points: Points, settings: FaceSettings) -> _Region:
     centre = np.array([[c, s], [-s, c]]) @ ((low + high) / 2)
     side = float((high - low).max()) * settings.region_scale
     return _Region(float(centre[0]), float(centre[1]), side, angle)
-
-
-def _anchors() -> npt.NDArray[np.float64]:
-    """Anchor centres of the short-range detector, (896, 2), in parts of the input's side."""
-    centres = []
-    for cells, repeats in ((16, 2), (8, 6)):
-        line = (np.arange(cells) + 0.5) / cells
-        y, x = np.meshgrid(line, line, indexing="ij")
-        centres.append(np.repeat(np.stack([x.ravel(), y.ravel()], axis=1), repeats, axis=0))
-    return np.concatenate(centres)
-
-
-def _load(path: object) -> Any:
-    try:
-        # The classic engine: OpenCV 5's new one loses every output but the last.
-        return cv2.dnn.readNetFromTFLite(str(path), cv2.dnn.ENGINE_CLASSIC)
-    except cv2.error as error:
-        raise ModelError(f"{path}: OpenCV cannot load it ({error.err or error})") from error

@@ -28,14 +28,16 @@ from analysis.person import Person
 from database.mask import Camera
 from database.writer import library_versions
 
-FITTED_LATER: Final = ("texture", "lag", "guide")
+FITTED_LATER: Final = ("texture", "lag", "guide", "offset", "lips")
 """Parts of the build's settings that no clip is analysed with: they may change and clips stay."""
 
 RUN_LATER: Final = frozenset(
     (
+        *("aam.py", "aam_fit.py", "aam_kernels.py", "aam_points.py", "aam_training.py"),
         *("assemble.py", "build.py", "build_lock.py", "build_work.py", "cost_model.py"),
+        *("corpus_lips.py", "merge.py"),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
-        *("phoneme_distance.py", "shard_store.py"),
+        *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
     )
 )
 """Modules of this folder whose code no clip goes through."""
@@ -102,7 +104,7 @@ def clip_identity(common: str, clip: Clip, sha256: str) -> str:
         If a script cannot be read.
     """
     scripts = [part for path in clip.scripts for part in (path.name, path.read_bytes())]
-    return digest_of(common, clip.name, sha256, *scripts)
+    return digest_of(common, clip.name, sha256, clip.start, clip.end, clip.words, *scripts)
 
 
 def digest_of(*parts: object) -> str:

@@ -59,8 +59,9 @@ def put_together(kind: Any, document: Any, array: Callable[[str], Array]) -> Any
     if origin in (types.UnionType, typing.Union):
         if document is None:
             return None
-        (kind,) = (k for k in inside if k is not type(None))
-        return put_together(kind, document, array)
+        others = [k for k in inside if k is not type(None)]
+        # Of several kinds only numbers and texts are kept, which are what they are.
+        return document if len(others) > 1 else put_together(others[0], document, array)
     if origin is np.ndarray:
         return array(document)
     if origin is tuple:

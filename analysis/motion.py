@@ -1,13 +1,14 @@
-"""The person's mask, and the head's pose in every frame.
+"""The person's mask, and the head's pose in every frame by feature points.
 
-The mask is the face mesh of one good frame, made metric by the distance of the outer eye
-corners. A pose is the one at which the mask's rigid points (forehead, brows' bones, nose, eye
+The mask is the mean face mesh of several good frames, made metric by the distance of the outer
+eye corners. A pose is the one at which the mask's rigid points (forehead, brows' bones, nose, eye
 corners: what speech does not move) fall on the landmarks.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import cv2
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from analysis.smoothing import smoothed
-from database.errors import FaceError
+from database.errors import CorpusError, FaceError
 from database.mask import (
     INNER_LIPS,
     OUTER_EYE_CORNERS,
@@ -46,8 +47,59 @@ RIGID: Final = (
 )
 """Mesh points that speech leaves in place."""
 
+AVERAGING_ROUNDS: Final = 3
+"""How often meshes are laid on their mean, and the mean taken anew."""
+
 CROP_WIDTH, CROP_HEIGHT = 288, 304
 """Pixels of a crop from footage that carries them (paper, section 7.1)."""
+
+
+METHODS: Final = ("gradients", "points")
+"""Ways of finding poses."""
+
+
+@dataclass(frozen=True)
+class GradientSettings:
+    """How head motion is found from image gradients (analysis/gradient_motion.py).
+
+    Parameters
+    ----------
+    spacing : float
+        Pixels between points of the surface.
+    least_spacing : float
+        mm between points of the surface, at least: no more points than help.
+    blur : float
+        Pixels (standard deviation) by which pictures are blurred.
+    steps : int
+        Most Gauss-Newton steps at each level of the pyramid.
+    enough : float
+        Pixels; smaller steps end the search.
+    passes : int
+        How often all frames are aligned with the texture of all.
+    key_angle : float
+        Degrees from the nearest key view at which a frame becomes a key.
+    learnt_from : int
+        Frames at most that a key's texture is learnt from, spread over those near it.
+    least_likeness : float
+        Correlation of frame and texture below which the face is lost.
+    least_kept : float
+        Share of the surface that must look like the texture, else the face is lost.
+    largest_dissent : float
+        Distance from the feature points' pose at which the face is lost, in parts of the distance
+        between the outer eye corners.
+    """
+
+    spacing: float = 1.3
+    least_spacing: float = 1.8
+    blur: float = 0.3
+    steps: int = 10
+    enough: float = 0.03
+    passes: int = 1
+    key_angle: float = 20.0
+    learnt_from: int = 50
+    least_likeness: float = 0.85
+    least_kept: float = 0.5
+    largest_dissent: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,16 +108,28 @@ class MotionSettings:
 
     Parameters
     ----------
+    method : str
+        "gradients", from the mask's texture (analysis/gradient_motion.py), which starts from and
+        is checked by feature points; or "points", from feature points alone.
     smoothing : int
         Landmarks are smoothed over this many frames (odd; 1 for none) before a pose is fitted;
         the network's points jitter more than heads do.
     largest_error : float
         Greatest median distance of rigid points from their landmarks for a pose to count, in
         parts of the distance between the outer eye corners.
+    gradients : GradientSettings
     """
 
+    method: str = "gradients"
     smoothing: int = 7
     largest_error: float = 0.12
+    gradients: GradientSettings = field(default_factory=GradientSettings)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise CorpusError(
+                f"motion method {self.method!r} is not known; use {' or '.join(METHODS)}"
+            )
 
 
 @dataclass(frozen=True)
@@ -105,6 +169,49 @@ def make_mask(
     Mask
         Metric; the scale is set by the distance between the outer eye corners.
     """
+    return average_mask([mesh], [camera], settings)
+
+
+def average_mask(
+    meshes: Sequence[npt.NDArray[np.floating]],
+    cameras: Sequence[Camera],
+    settings: CropSettings | None = None,
+) -> Mask:
+    """The person's mask from the face meshes of several frames: what most of them agree on.
+
+    Parameters
+    ----------
+    meshes : sequence of (468, 3) float
+        Pixels, each as `make_mask` wants it.
+    cameras : sequence of Camera
+        That filmed each.
+    settings : CropSettings, optional
+
+    Returns
+    -------
+    Mask
+        Metric; the scale is set by the distance between the outer eye corners.
+    """
+    upright, scales = zip(
+        *(_upright(m, c) for m, c in zip(meshes, cameras, strict=True)), strict=True
+    )
+    shapes = np.stack(upright)
+    middle = shapes[0]
+    for _ in range(AVERAGING_ROUNDS):
+        middle = np.median([_laid_on(shape, middle) for shape in shapes], axis=0)
+        middle = (middle - middle[list(RIGID)].mean(axis=0)) @ _face_axes(middle).T
+        left, right = middle[list(OUTER_EYE_CORNERS)]
+        middle *= EYE_CORNER_DISTANCE / np.linalg.norm(right - left)
+    vertices = middle.astype(np.float32)
+    return Mask(
+        vertices, _mouth_patch(vertices, float(np.median(scales)), settings or CropSettings())
+    )
+
+
+def _upright(
+    mesh: npt.NDArray[np.floating], camera: Camera
+) -> tuple[npt.NDArray[np.float64], float]:
+    """One frame's mesh in millimetres and in the face's own axes; millimetres a pixel."""
     points = np.asarray(mesh, dtype=np.float64)
     eyes = float(np.linalg.norm(points[OUTER_EYE_CORNERS[0]] - points[OUTER_EYE_CORNERS[1]]))
     mm_per_pixel = EYE_CORNER_DISTANCE / eyes
@@ -112,9 +219,22 @@ def make_mask(
     z = distance + points[:, 2] * mm_per_pixel
     xy = (points[:, :2] - [camera.cx, camera.cy]) * z[:, None] / camera.focal
     space = np.column_stack([xy, z])
-    upright = (space - space[list(RIGID)].mean(axis=0)) @ _face_axes(space).T
-    vertices = upright.astype(np.float32)
-    return Mask(vertices, _mouth_patch(vertices, mm_per_pixel, settings or CropSettings()))
+    return (space - space[list(RIGID)].mean(axis=0)) @ _face_axes(space).T, mm_per_pixel
+
+
+def _laid_on(
+    shape: npt.NDArray[np.float64], other: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """A shape moved, turned and scaled so that its rigid points lie on another's (Kabsch)."""
+    rigid = list(RIGID)
+    a, b = shape[rigid] - shape[rigid].mean(axis=0), other[rigid] - other[rigid].mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    turn = u @ flip @ vt
+    scale = np.sqrt((b**2).sum() / (a**2).sum())
+    return np.asarray(
+        scale * (shape - shape[rigid].mean(axis=0)) @ turn + other[rigid].mean(axis=0)
+    )
 
 
 def _face_axes(space: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -47,6 +47,8 @@ from analysis.shards import (
     write_arrays,
 )
 from database.errors import DatabaseError
+from database.outfile import whole_file
+from database.piece import Source
 
 CIRCUMSTANCES: Final = "circumstances.json"
 _OURS: Final = re.compile(r"[0-9a-f]{32}")
@@ -62,6 +64,8 @@ class ShardStore:
         Made if it is not there.
     fresh : bool
         Find nothing in it.
+    others : sequence of Path
+        Folders of other builds; what is not here is looked for there, and copied.
 
     Raises
     ------
@@ -69,8 +73,9 @@ class ShardStore:
         If it cannot be made.
     """
 
-    def __init__(self, folder: Path, *, fresh: bool = False) -> None:
+    def __init__(self, folder: Path, *, fresh: bool = False, others: Sequence[Path] = ()) -> None:
         self.folder = folder
+        self._others = tuple(others)
         self._fresh = fresh
         self.lock = folder / "lock"
         self.damaged: list[str] = []
@@ -106,10 +111,21 @@ class ShardStore:
     def find(self, clip: Clip, path: Path) -> Shard | Refusal | None:
         """What is kept of a clip; a damaged shard is noted and taken for none."""
         try:
-            return None if self._fresh else load_shard(path, clip)
+            if self._fresh:
+                return None
+            return load_shard(path, clip) or self._taken_over(clip, path)
         except ShardDamagedError:
             self.damaged.append(clip.name)
             return None
+
+    def _taken_over(self, clip: Clip, path: Path) -> Shard | Refusal | None:
+        """A clip's shard from another build's folder, if one has it."""
+        for folder in self._others:
+            there = folder / self._here.name / path.name
+            if there.is_file() and isinstance(load_shard(there, clip), Shard):
+                _copy(there, path)
+                return load_shard(path, clip)
+        return None
 
     def person(
         self,
@@ -147,7 +163,11 @@ class ShardStore:
         key = digest_of(software_digest(), models_digest(models), settings_digest(settings))
         self._person = self.folder / f"person-{key}{SHARD}"
         clear_partials(self.folder, ".person-*.partial")
-        order = [sums[c.media] for c in clips]
+        order = [digest_of(sums[c.media], c.start, c.end) for c in clips]
+        for other in self._others if not self._person.is_file() else ():
+            if (other / self._person.name).is_file():
+                _copy(other / self._person.name, self._person)
+                break
         kept = None
         with contextlib.suppress(ShardDamagedError):
             kept = None if self._fresh else read_checked(self._person)
@@ -158,8 +178,17 @@ class ShardStore:
             if order[: len(looked)] == looked and (order == looked or not about["all"]):
                 names = tuple(c.name for c in clips[: len(looked)])
                 return put_together(Person, about["person"], kept.__getitem__), names
-        videos = _Watched([c.media for c in clips])
-        person = study_person(videos, finder, focal=settings.focal, crop=settings.crop)
+        videos = _Watched([c.source for c in clips])
+        person = study_person(
+            videos,
+            finder,
+            focal=settings.focal,
+            crop=settings.crop,
+            camera=settings.camera,
+            estimate_focal=settings.estimate_focal,
+            settings=settings.motion,
+            hand=settings.hand,
+        )
         arrays: dict[str, npt.NDArray[Any]] = {}
         document = {
             "looked": order[: videos.looked],
@@ -216,18 +245,24 @@ class ShardStore:
         return [p for p in self.folder.iterdir() if _PERSON.fullmatch(p.name)]
 
 
-class _Watched(Sequence[Path]):
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file, whole or not at all."""
+    with source.open("rb") as data, whole_file(target) as file:
+        shutil.copyfileobj(data, file)
+
+
+class _Watched(Sequence[Source]):
     """Paths that remember how many of them were looked at."""
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Source]) -> None:
         self._paths = paths
         self.looked = 0
 
     @overload
-    def __getitem__(self, place: int) -> Path: ...
+    def __getitem__(self, place: int) -> Source: ...
     @overload
-    def __getitem__(self, place: slice) -> Sequence[Path]: ...
-    def __getitem__(self, place: int | slice) -> Path | Sequence[Path]:
+    def __getitem__(self, place: slice) -> Sequence[Source]: ...
+    def __getitem__(self, place: int | slice) -> Source | Sequence[Source]:
         chosen = range(len(self._paths))[place]
         last = chosen if isinstance(chosen, int) else max(chosen, default=-1)
         self.looked = max(self.looked, last + 1)

@@ -13,7 +13,7 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,6 +59,8 @@ class Shard:
         What was repaired.
     given : bool
         Whether the phones were given and not found in the sound.
+    start : float
+        Seconds at which the clip begins in its media file.
     seconds : float
         How long the analysis took; not part of any database.
     """
@@ -75,6 +77,7 @@ class Shard:
     clip_mean: npt.NDArray[np.float32]
     notes: tuple[str, ...]
     given: bool
+    start: float
     seconds: float
 
 
@@ -195,6 +198,7 @@ def load_shard(path: Path, clip: Clip) -> Shard | Refusal | None:
         shard["clip_mean"],
         said,
         about["given"],
+        clip.start,
         about["seconds"],
     )
 
@@ -218,7 +222,11 @@ def write_shard(path: Path, clip: Clip, analysed: AnalysedClip, seconds: float) 
             "frames": face.frames,
             "units": len(face.numbers),
             "track": alignment.track.name,
-            "notes": [*_missing_frames(face.missing()), *alignment.notes],
+            "notes": [
+                *_noted("no face in {}; left out", face.missing()),
+                *_noted("head followed by feature points alone in {}", face.by_points()),
+                *alignment.notes,
+            ],
             "given": alignment.given,
             "seconds": seconds,
         },
@@ -226,6 +234,7 @@ def write_shard(path: Path, clip: Clip, analysed: AnalysedClip, seconds: float) 
         landmarks=face.landmarks,
         rotation=face.poses.rotations,
         translation=face.poses.translations,
+        camera=np.array(astuple(face.camera), np.float64),
         mouth_width=analysed.lips.width,
         mouth_height=analysed.lips.height,
         inner_opening=analysed.lips.opening,
@@ -276,15 +285,16 @@ def _files(clip: Clip) -> list[str]:
     return [str(path) for path in (clip.media, *clip.scripts)]
 
 
-def _missing_frames(missing: Sequence[int]) -> list[str]:
-    if not missing:
+def _noted(note: str, frames: Sequence[int]) -> list[str]:
+    """A note on some frames, if there are any."""
+    if not frames:
         return []
     spans: list[list[int]] = []
-    for i in missing:
+    for i in frames:
         if spans and i == spans[-1][1] + 1:
             spans[-1][1] = i
         else:
             spans.append([i, i])
     named = ", ".join(str(a) if a == b else f"{a} to {b}" for a, b in spans)
-    what = "frame" if len(missing) == 1 else "frames"
-    return [f"no face in {what} {named} (counted from 0); left out"]
+    what = "frame" if len(frames) == 1 else "frames"
+    return [note.format(f"{what} {named} (counted from 0)")]

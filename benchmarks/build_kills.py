@@ -36,7 +36,7 @@ SHARED_MEMORY = Path("/dev/shm")
 STAGES = (
     *("analysing clips", "describing mouths", "analysing clips", "learning from phonemes"),
     *("writing", "analysing clips", "renaming", "learning from sound", "finding the person"),
-    *("analysing clips", "renamed", "done"),
+    *("analysing clips", "training the lip model", "fitting lips", "renamed", "done"),
 )
 """Stages in which builds are killed, in turn."""
 

@@ -16,13 +16,17 @@ import numpy.typing as npt
 from database.mask import Camera, Mask
 from database.phonemes import CLOSURES, N_PHONEMES, SILENCE, VISEME_OF
 from database.schema import (
+    RIGID_COARSE,
+    RIGID_REGIONS,
     CostModel,
     Field,
     GuideModel,
     PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import SMALL_GAP
@@ -214,6 +218,19 @@ def check_costs(costs: CostModel) -> None:
         raise ValueError("costs/target_scale and costs/visual_scale must be positive")
 
 
+def check_rigid(rigid: RigidTexture) -> None:
+    """Check the rigid surface's look: regions that exist, a half size that fits the full one."""
+    _check_finite_fields("rigid", rigid)
+    if (rigid.region >= RIGID_REGIONS).any():
+        raise ValueError(f"rigid/region names one beyond the {RIGID_REGIONS} regions")
+    if rigid.coarse_values.shape[1] != -(-len(rigid.points) // RIGID_COARSE):
+        raise ValueError(f"rigid/coarse_values must hold every {RIGID_COARSE}th point")
+    if not len(rigid.direction):
+        raise ValueError("rigid/direction must hold a view")
+    if (rigid.certainty < 0).any() or (rigid.coarse_certainty < 0).any():
+        raise ValueError("rigid/certainty and rigid/coarse_certainty must not be negative")
+
+
 def check_guide(kind: str, guide: GuideModel) -> None:
     """Check a guide: finite numbers, inputs in order, scales that keep a trajectory's sign."""
     _check_finite_fields(f"guide_{kind}", guide)
@@ -227,3 +244,27 @@ def check_sound(steps: npt.NDArray[np.int32], n_steps: int) -> None:
     """Check that the sequences' sounds are all of the sound there is."""
     if (steps < 0).any() or int(steps.sum(dtype=np.int64)) != n_steps:
         raise ValueError(f"sound/steps do not add up to the {n_steps} of sound/features")
+
+
+def check_starts(starts: npt.NDArray[np.float64]) -> None:
+    """Check that clips start inside their media files."""
+    check_finite("pieces/start", starts)
+    if (starts < 0).any():
+        raise ValueError("pieces/start holds a time before 0")
+
+
+def check_lips(lips: UnitLips) -> None:
+    """Check the lip model: numbers to divide by, and no variance below zero."""
+    model = lips.model
+    for name, values in {"points": lips.points, **model.as_arrays()}.items():
+        check_finite(f"lips/{name}", values)
+    if min(model.scale, model.energy) <= 0 or model.blur < 0:
+        raise ValueError("lips/numbers must be positive")
+    if (model.shape_variances < 0).any():
+        raise ValueError("lips/shape_variances holds a negative variance")
+    _check_below("lips/found", lips.found, 2)
+    for i, level in enumerate(model.levels):
+        if not (level.region == 1).any() or (level.region > 1).any():
+            raise ValueError(f"lips/level{i}/region must be 0 or 1, and not all 0")
+        if (level.variances <= 0).any() or (level.noise <= 0).any():
+            raise ValueError(f"lips/level{i}: variances and noise must be positive")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -20,6 +20,9 @@ av.logging.set_level(None)  # Damage is reported by our errors, not on the user'
 
 TEXT_DEMUXERS: Final = frozenset({"tty", "bin", "xbin", "adf", "idf"})
 """FFmpeg draws plain text and unknown bytes as pictures with these."""
+
+MARGINS: Final = (0.6, 4.0, 30.0)
+"""Seconds before the wanted time that are aimed at in turn, until a file's index leads there."""
 
 
 @contextmanager
@@ -103,3 +106,50 @@ def decoded(
             continue
         for frame in held:
             yield stream.index, frame
+
+
+def frames_from(
+    path: Path,
+    choose: Callable[[InputContainer], VideoStream | AudioStream | None],
+    time: float | None,
+) -> Iterator[Frame]:
+    """Decode one stream from some time on.
+
+    The first frame given out is at or before `time`, by `MARGINS` where the file allows it:
+    decoders need a run-up. Without a time, or where no seeking helps, from the front.
+
+    Parameters
+    ----------
+    path : Path
+    choose : callable
+        The stream of a container; None ends the reading.
+    time : float, optional
+        Seconds, on the clock of the file's time stamps.
+
+    Raises
+    ------
+    MediaError
+        If the file cannot be read.
+    """
+    for margin in (*MARGINS, None) if time is not None else (None,):
+        with open_media(path) as container:
+            stream = choose(container)
+            if stream is None:
+                return
+            if margin is not None and time is not None:
+                try:
+                    container.seek(round((time - margin) * av.time_base))
+                except av.FFmpegError:
+                    continue
+            frames = (frame for _, frame in decoded(container, stream))
+            first = next(frames, None)
+            if first is None and margin is None:
+                return
+            if margin is not None and (
+                first is None or first.time is None or time is None or first.time > time
+            ):
+                continue
+            if first is not None:
+                yield first
+            yield from frames
+            return

@@ -153,6 +153,13 @@ class MouthPatch:
         out: npt.NDArray[np.float64] = (xy - origin) * sizes - 0.5
         return out
 
+    def from_crop(self, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+        """Crop pixels (..., 2) to the mask's frame (..., 2), mm: `to_crop` turned round."""
+        origin = self.grid[0, 0, :2].astype(np.float64)
+        sizes = np.array([self.crop_width / self.width_mm, self.crop_height / self.height_mm])
+        out: npt.NDArray[np.float64] = (np.asarray(points, dtype=np.float64) + 0.5) / sizes + origin
+        return out
+
 
 @dataclass(frozen=True)
 class Mask:

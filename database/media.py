@@ -1,11 +1,13 @@
 """Video in: frames in order, at a constant rate, with what their samples mean.
 
-Pictures are RGB uint8, or yuv420p planes (database/planes.py). Time zero is the first frame of
-the video. Files are read once from front to back and never held whole.
+Pictures are RGB uint8, or yuv420p planes (database/planes.py), upright as the file asks for
+(database/orientation.py) and progressive (database/interlace.py). Time zero is the first frame
+of the video, or the start of a piece (database/piece.py). Files are read once from front to
+back, pieces from a place before them, and never held whole.
 
-Interpretations made here: a stream that does not name its matrix has BT.709 from 577 lines up
-and BT.601 below; matrices other than these two, and RGB, are converted to the one that the
-size suggests. Pictures of odd size lose their last column or row, as yuv420p cannot hold it.
+Interpretations made here: matrices other than BT.601 and BT.709, and RGB, are converted to the
+one that the size suggests. Pictures of odd size lose their last column or row, as yuv420p
+cannot hold it.
 """
 
 from __future__ import annotations
@@ -21,18 +23,21 @@ from typing import Final
 import av
 import numpy as np
 import numpy.typing as npt
-from av.container import InputContainer
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
-from av.video.stream import VideoStream
 
-from database.container import decoded, open_media, sound_stream, video_stream
+from database.container import frames_from, video_stream
 from database.errors import MediaError
+from database.interlace import deinterlaced
+from database.media_index import LARGEST_GAP, MediaIndex, index_of, snap_rate
+from database.orientation import UPRIGHT, Orientation
+from database.piece import Piece, Source, piece_of
 from database.planes import Colour, Matrix, Planes, planes_to_rgb
 from database.sound import Sound, probe_sound_duration, read_sound
 from database.track import frame_count
 
 __all__ = [
     "MediaInfo",
+    "Piece",
     "Sound",
     "VideoFrame",
     "probe",
@@ -42,24 +47,9 @@ __all__ = [
     "snap_rate",
 ]
 
-STANDARD_RATES: Final = (
-    *(Fraction(24000, 1001), Fraction(24), Fraction(25), Fraction(30000, 1001), Fraction(30)),
-    *(Fraction(48), Fraction(50), Fraction(60000, 1001), Fraction(60), Fraction(100)),
-    *(Fraction(120000, 1001), Fraction(120)),
-)
-"""Frame rates that are meant when a number is close to one of them."""
+BEYOND: Final = 0.1
+"""Seconds that a piece may reach beyond its file: sound and picture seldom end together."""
 
-LARGEST_RATE: Final = 1000.0
-"""Frames a second; containers that claim more give the ticks of a clock."""
-
-LARGEST_GAP: Final = 10.0
-"""Seconds: a larger step between two frames, or one back, is a broken clock, not a pause."""
-
-SD_LINES: Final = 576
-"""Pictures with more lines than this are taken to be BT.709 where nothing is said."""
-
-_MATRICES: Final[dict[int, Matrix]] = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601"}
-"""Matrices by FFmpeg's number."""
 _FOREIGN: Final = {7: Colorspace.SMPTE240M, 9: Colorspace.BT2020, 10: Colorspace.BT2020}
 """Matrices that are converted away."""
 _COLORSPACE: Final[dict[Matrix, Colorspace]] = {
@@ -90,6 +80,10 @@ class MediaInfo:
         Samples a second.
     colour : Colour
         Meaning of the planes that `read_video` gives.
+    orientation : Orientation
+        How the coded pictures are turned by `read_video`.
+    interlaced : bool
+        Whether they are deinterlaced by it.
     """
 
     path: Path
@@ -101,13 +95,15 @@ class MediaInfo:
     has_sound: bool
     sound_rate: int | None
     colour: Colour
+    orientation: Orientation = UPRIGHT
+    interlaced: bool = False
 
 
 @dataclass
 class _Converter:
     """From decoded frames to planes; holds swscale's state, so one for each file."""
 
-    info: MediaInfo
+    info: MediaIndex
     scaler: VideoReformatter = field(default_factory=VideoReformatter)
 
     def to_planes(self, frame: av.VideoFrame) -> Planes:
@@ -131,7 +127,7 @@ class _Converter:
             .copy()
             for plane, step in zip(frame.planes, (1, 2, 2), strict=True)
         )
-        return Planes(y, u, v)
+        return info.orientation.turned(Planes(y, u, v))
 
     def _of_first_size(self, frame: av.VideoFrame) -> av.VideoFrame:
         """Scale a frame back to the first size where a stream changes it on its way."""
@@ -187,110 +183,60 @@ class VideoFrame:
         return self._picture.planes
 
 
-def snap_rate(fps: float | Fraction) -> Fraction:
-    """The exact frame rate that a number means: 29.97 is 30000/1001.
+def probe(source: Source) -> MediaInfo:
+    """Find out what a video file, or a piece of one, is.
+
+    Its packets are counted and its first pictures looked at, once while the file stays as it is.
 
     Raises
     ------
     MediaError
-        If it is not a positive finite number of at most 1000.
+        If the file cannot be read, holds no video, or ends before the piece does.
     """
-    if not math.isfinite(fps) or not 0 < fps <= LARGEST_RATE:
-        raise MediaError(f"frame rate {float(fps):g}: must be above 0 and at most 1000")
-    nearest = min(STANDARD_RATES, key=lambda rate: abs(float(rate) - fps))
-    if abs(float(nearest) / float(fps) - 1) < 2e-4:
-        return nearest
-    return Fraction(fps).limit_denominator(1001)
-
-
-def probe(path: str | Path) -> MediaInfo:
-    """Find out what a video file is; its packets are counted, nothing is decoded.
-
-    Raises
-    ------
-    MediaError
-        If the file cannot be read, or holds no video.
-    """
-    path = Path(path)
-    with open_media(path) as container:
-        stream = video_stream(container)
-        if stream is None:
-            raise MediaError(f"{path}: holds no video")
-        width, height = stream.codec_context.width // 2 * 2, stream.codec_context.height // 2 * 2
-        if width == 0 or height == 0:
-            raise MediaError(f"{path}: its video cannot be decoded; is the file complete?")
-        colour = _colour_of(stream)
-        sound = sound_stream(container)
-        rate = None if sound is None else int(sound.rate)
-        count, stamps = _packet_times(container, stream)
-        fps = float(_nominal_rate(stream, stamps))
-        span = float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
-        duration = span + 1 / fps if span > 0 else max(count, 1) / fps
-    return MediaInfo(path, width, height, fps, duration, count, rate is not None, rate, colour)
-
-
-def _packet_times(
-    container: InputContainer, stream: VideoStream
-) -> tuple[int, npt.NDArray[np.float64]]:
-    """Number of coded frames, and their sorted time stamps in seconds."""
-    count, stamps = 0, []
-    try:
-        for packet in container.demux(stream):
-            if packet.size == 0:
-                continue
-            count += 1
-            if packet.pts is not None and packet.time_base is not None:
-                stamps.append(float(packet.pts * packet.time_base))
-    except av.FFmpegError:
-        pass  # Damaged further on: what was found stands.
-    return count, np.unique(np.array(stamps, dtype=np.float64))
-
-
-def _nominal_rate(stream: VideoStream, stamps: npt.NDArray[np.float64]) -> Fraction:
-    """The stated rate that fits the time stamps best.
-
-    Containers disagree with themselves (MPEG-1 often states 50 as the mean of 25), and the
-    stamps of some are rounded to milliseconds, so that neither is enough alone.
-    """
-    stated = [stream.guessed_rate, stream.base_rate, stream.average_rate]
-    usable = [Fraction(rate) for rate in stated if rate and 1 <= rate <= 240]
-    if len(stamps) > 1:
-        step = float(np.median(np.diff(stamps)))
-        if step > 0 and 1 / step <= LARGEST_RATE:
-            if not usable:
-                return snap_rate(1 / step)
-            return snap_rate(min(usable, key=lambda rate: abs(math.log(float(rate) * step))))
-    return snap_rate(usable[0]) if usable else Fraction(25)
-
-
-def _colour_of(stream: VideoStream) -> Colour:
-    context = stream.codec_context
-    by_size: Matrix = "bt709" if context.height > SD_LINES else "bt601"
-    pix_fmt = context.format
-    rgb = pix_fmt is not None and pix_fmt.is_rgb
-    full = not rgb and (
-        context.color_range == ColorRange.JPEG or (context.pix_fmt or "").startswith("yuvj")
-    )
-    return Colour(
-        _MATRICES.get(context.colorspace, by_size),
-        full,
-        context.color_primaries,
-        context.color_trc,
+    piece = piece_of(source)
+    index = index_of(piece.path)
+    if piece.start >= index.duration:
+        raise MediaError(
+            f"{piece.path}: ends at {index.duration:.2f} s, before the piece that starts at "
+            f"{piece.start:.2f} s"
+        )
+    if piece.end is not None and piece.end > index.duration + BEYOND:
+        raise MediaError(
+            f"{piece.path}: ends at {index.duration:.2f} s, before the end of the piece at "
+            f"{piece.end:.2f} s"
+        )
+    end = min(index.duration, index.duration if piece.end is None else piece.end)
+    frames = index.frames
+    if not piece.whole and len(index.stamps):
+        inside = index.stamps - index.stamps[0] + 1e-6
+        frames = int(np.count_nonzero((inside >= piece.start) & (inside < end)))
+    return MediaInfo(
+        piece.path,
+        *index.orientation.size(index.width, index.height),
+        float(index.fps),
+        end - piece.start,
+        frames,
+        index.sound_rate is not None,
+        index.sound_rate,
+        index.colour,
+        index.orientation,
+        index.fields != "none",
     )
 
 
 def read_video(
-    path: str | Path, fps: float | Fraction | None = None
+    source: Source, fps: float | Fraction | None = None
 ) -> Generator[VideoFrame, None, None]:
-    """Read a video's frames in order, at a constant rate.
+    """Read a video's frames in order, at a constant rate, upright and progressive.
 
-    Frame i is the picture whose time stamp, counted from the first picture's, is nearest to
-    ``i / fps``. Videos of variable rate are thereby conformed, other rates converted, and where
-    damage has lost a picture its neighbour is repeated, so that later frames keep their time.
+    Frame i is the picture whose time stamp, counted from the start of the piece (of a whole
+    file: from the first picture's), is nearest to ``i / fps``. Videos of variable rate are
+    thereby conformed, other rates converted, and where damage has lost a picture its neighbour
+    is repeated, so that later frames keep their time.
 
     Parameters
     ----------
-    path : path
+    source : path or Piece
     fps : float, optional
         Frames a second; by default the nominal rate (`MediaInfo.fps`).
 
@@ -304,46 +250,63 @@ def read_video(
         On the first step: if the file cannot be read, holds no video, or no picture of it can
         be decoded.
     """
-    info = probe(path)
+    piece = piece_of(source)
+    info = probe(piece)
+    stored = index_of(piece.path)
     rate = snap_rate(info.fps if fps is None else fps)
-    converter = _Converter(info)
+    limit = math.inf if piece.end is None else frame_count(info.duration, float(rate))
+    converter = _Converter(stored)
     index = 0
     shown: _Picture | None = None
     since = 0.0
-    for time, frame in _timed_frames(info):
+    for time, frame in _timed_frames(piece, stored):
         if shown is not None:
             # A hair of tolerance, so that rounded time stamps do not decide ties.
             halfway = (since + time) / 2 * float(rate) + 1e-6
-            while index <= halfway:
+            while index <= halfway and index < limit:
                 yield VideoFrame(index, float(index / rate), shown)
                 index += 1
+        if index >= limit:
+            return
         shown, since = _Picture(frame, converter), time
     if shown is None:
-        raise MediaError(f"{info.path}: not one frame of its video can be decoded")
-    length = frame_count(since + 1 / info.fps, float(rate))
+        raise MediaError(f"{piece}: not one frame of its video can be decoded")
+    length = min(limit, frame_count(since + 1 / info.fps, float(rate)))
     while index < length:
         yield VideoFrame(index, float(index / rate), shown)
         index += 1
 
 
-def _timed_frames(info: MediaInfo) -> Iterator[tuple[float, av.VideoFrame]]:
-    """Decoded frames with strictly rising times, seconds from the first."""
-    step = 1 / info.fps
+def _timed_frames(piece: Piece, index: MediaIndex) -> Iterator[tuple[float, av.VideoFrame]]:
+    """Decoded frames with strictly rising times, seconds from the piece's start."""
+    step = 1 / float(index.fps)
+    if piece.start > 0 and index.steady and index.first is not None:
+        # Two frames earlier: the picture before the start may be the nearest one, and a
+        # deinterlacer looks back.
+        wanted = index.first + piece.start - 2.5 * step
+        last = -math.inf
+        for frame in deinterlaced(_decoded(piece.path, wanted), index.fields):
+            time = frame.time
+            if time is None or time < wanted or time <= last:
+                continue
+            last = time
+            yield time - index.first - piece.start, frame
+        return
     shift: float | None = None
     previous = -step
-    with open_media(info.path) as container:
-        stream = video_stream(container)
-        if stream is None:
-            raise MediaError(f"{info.path}: holds no video")
-        for _, frame in decoded(container, stream):
-            if not isinstance(frame, av.VideoFrame):
-                continue
-            stamp = frame.time
-            if shift is None:
-                shift = -stamp if stamp is not None else 0.0
-            time = previous + step if stamp is None else stamp + shift
-            if not previous < time <= previous + LARGEST_GAP:
-                shift += previous + step - time
-                time = previous + step
-            yield time, frame
-            previous = time
+    for frame in deinterlaced(_decoded(piece.path, None), index.fields):
+        stamp = frame.time
+        if shift is None:
+            shift = -stamp if stamp is not None else 0.0
+        time = previous + step if stamp is None else stamp + shift
+        if not previous < time <= previous + LARGEST_GAP:
+            shift += previous + step - time
+            time = previous + step
+        yield time - piece.start, frame
+        previous = time
+
+
+def _decoded(path: Path, time: float | None) -> Iterator[av.VideoFrame]:
+    for frame in frames_from(path, video_stream, time):
+        if isinstance(frame, av.VideoFrame):
+            yield frame

@@ -5,13 +5,9 @@ Whatever is wrong with the file, on opening or later, is one `DatabaseError` tha
 
 from __future__ import annotations
 
-import json
-import operator
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
@@ -19,21 +15,26 @@ import numpy as np
 import numpy.typing as npt
 
 from database import checks
+from database.database_file import DatabaseFile
 from database.errors import DatabaseError
+from database.lip_model import LipModel
 from database.mask import N_VERTICES, Camera, Mask, MouthPatch
-from database.pictures import CODECS, Picture, decode
+from database.pictures import Picture, decode, find_codec
 from database.schema import (
     F32,
+    FIELDS,
     GUIDES,
     CostModel,
     GuideModel,
     PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
-from database.storage import open_file, read_field, read_text_attribute, reading
+from database.storage import read_text_attribute, reading
 from database.track import PhonemeTrack, context_windows
 
 
@@ -49,7 +50,7 @@ def open_database(path: str | Path) -> UnitDatabase:
     return UnitDatabase(path)
 
 
-class UnitDatabase:
+class UnitDatabase(DatabaseFile):
     """A database file, open for reading.
 
     Arrays are read when first asked for, then kept, and cannot be written to. A database is a
@@ -67,29 +68,18 @@ class UnitDatabase:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self._handle: h5py.File | None
-        self._handle, self._sizes = open_file(self.path)
+        super().__init__(path)
         self._contexts: dict[int, npt.NDArray[np.uint8]] = {}
         try:
             with reading(self.path):
                 checks.check_fps(self.fps)
-                if self.codec not in CODECS:
-                    raise ValueError(f"its codec is {self.codec!r}, which is none of ours")
+                try:
+                    find_codec(self.codec)
+                except DatabaseError as error:
+                    raise ValueError(f"its codec is {self.codec!r}, none of ours") from error
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> UnitDatabase:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __reduce__(self) -> tuple[type[UnitDatabase], tuple[Path]]:
         return UnitDatabase, (self.path.absolute(),)
@@ -103,15 +93,8 @@ class UnitDatabase:
 
     def close(self) -> None:
         """Close the file; closing twice does no harm."""
-        handle, self._handle = self._handle, None
-        for name in [
-            n for n in vars(self) if isinstance(getattr(type(self), n, None), cached_property)
-        ]:
-            del self.__dict__[name]
+        super().close()
         self._contexts.clear()
-        if handle is not None:
-            with reading(self.path):
-                handle.close()
 
     @cached_property
     def fps(self) -> float:
@@ -121,7 +104,7 @@ class UnitDatabase:
 
     @cached_property
     def codec(self) -> str:
-        """Name of the pictures' codec (`database.pictures.CODECS`)."""
+        """Name of the pictures' codec, as `database.pictures.find_codec` knows it."""
         with reading(self.path):
             return read_text_attribute(self._file, "codec")
 
@@ -147,6 +130,16 @@ class UnitDatabase:
             part = Sequences(**self._group("sequences", Sequences))
             checks.check_sequences(part, len(self))
             return part
+
+    @cached_property
+    def starts(self) -> npt.NDArray[np.float64]:
+        """Start of each sequence in its media file, seconds, (S,)."""
+        with reading(self.path):
+            if "pieces" not in self._file:
+                return np.zeros(self._sizes["S"])
+            starts: npt.NDArray[np.float64] = self._read("pieces/start")
+            checks.check_starts(starts)
+            return starts
 
     @cached_property
     def units(self) -> Units:
@@ -211,6 +204,16 @@ class UnitDatabase:
             return part
 
     @cached_property
+    def rigid(self) -> RigidTexture | None:
+        """What the person's rigid surface looks like; None where the build did not keep it."""
+        with reading(self.path):
+            if "rigid" not in self._file:
+                return None
+            part = RigidTexture(**self._group("rigid", RigidTexture))
+            checks.check_rigid(part)
+            return part
+
+    @cached_property
     def guides(self) -> tuple[str, ...]:
         """Names of the guides that the database holds (`database.schema.GUIDES`)."""
         with reading(self.path):
@@ -233,6 +236,23 @@ class UnitDatabase:
             part = GuideModel(**self._group(f"guide_{kind}", GuideModel))
             checks.check_guide(kind, part)
             return part
+
+    @cached_property
+    def lips(self) -> UnitLips | None:
+        """The lip model and each unit's 20 points; None where the face mesh's contours stand."""
+        with reading(self.path):
+            if "lips" not in self._file:
+                return None
+            names = [f.path for f in FIELDS if f.path.startswith("lips/")]
+            arrays = {name.partition("/")[2]: self._read(name) for name in names}
+            part = UnitLips(LipModel.from_arrays(arrays), arrays["points"], arrays["found"])
+            checks.check_lips(part)
+            return part
+
+    @property
+    def lip_model(self) -> LipModel | None:
+        """The active appearance model of the lips, if the database holds one."""
+        return None if self.lips is None else self.lips.model
 
     def sound(self, i: int) -> npt.NDArray[np.float16] | None:
         """Features of a sequence's sound, in the time of its phones; None where it has none.
@@ -358,12 +378,6 @@ class UnitDatabase:
             self._contexts[n_frames] = out
         return self._contexts[n_frames]
 
-    @property
-    def _file(self) -> h5py.File:
-        if self._handle is None:
-            raise DatabaseError(f"{self.path}: the database was closed; open it again")
-        return self._handle
-
     @cached_property
     def _picture_data(self) -> h5py.Dataset:
         return self._file["pictures/data"]
@@ -373,28 +387,6 @@ class UnitDatabase:
         """Bytes of each encoded picture, (N,) int32."""
         lengths: npt.NDArray[np.int32] = self._read("pictures/length")
         return lengths
-
-    def _read(self, path: str) -> Any:
-        return read_field(self._file, path)
-
-    def _group(self, group: str, kind: type[Any]) -> dict[str, Any]:
-        return {f.name: self._read(f"{group}/{f.name}") for f in fields(kind)}
-
-    def _document(self, name: str, group: str = "build") -> dict[str, Any]:
-        with reading(self.path):
-            document = json.loads(self._read(f"{group}/{name}")[0])
-            if not isinstance(document, dict):
-                raise ValueError(f"{group}/{name} is no JSON object")
-            return document
-
-    def _index(self, i: int, n: int, what: str) -> int:
-        try:
-            place = operator.index(i)
-        except TypeError:
-            raise DatabaseError(f"{self.path}: {i!r} is no number of a {what}") from None
-        if not 0 <= place < n:
-            raise DatabaseError(f"{self.path}: there is no {what} {place}; it has 0..{n - 1}")
-        return place
 
     def _unit_index(self, i: int) -> int:
         return self._index(i, len(self), "unit")

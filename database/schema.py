@@ -23,6 +23,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from database.lip_model import LEVELS, N_POINTS, LipModel
 from database.mask import Camera, Mask
 
 SCHEMA_NAME: Final = "unitsel-database"
@@ -83,6 +84,93 @@ def _guide_fields(kind: str) -> tuple[Field, ...]:
     )
 
 
+RIGID_REGIONS: Final = 4
+"""Regions of a face's rigid surface; see analysis/photometric.py."""
+
+RIGID_COARSE: Final = 5
+"""Of the rigid surface's points every so many have a texture at half the size, too."""
+
+
+def _rigid_fields() -> tuple[Field, ...]:
+    """Fields of what the rigid surface looks like, at full size (R points) and half (Q)."""
+    looks = tuple(
+        row
+        for prefix, n, size in (("", "R", "full"), ("coarse_", "Q", "half"))
+        for row in (
+            (f"{prefix}values", "float32", ("V", n), "1", f"grey values at {size} size"),
+            (f"{prefix}curvature", "float32", ("V", n), "1", "their Laplacian in the picture"),
+            (f"{prefix}gradient", "float32", ("V", n, 3), "1/mm", "their gradient, mask frame"),
+            (f"{prefix}certainty", "float32", ("V", n), "1", "1 / standard deviation; 0: unseen"),
+        )
+    )
+    described = (
+        ("points", "float32", ("R", 3), "mm", "points of the surface, mask frame"),
+        ("region", "uint8", ("R",), "index", "region of each (analysis/photometric.py)"),
+        ("place", "float32", ("R", 4), "1", "where in its region it lies and how it is turned"),
+        ("direction", "float64", ("V", 3), "1", "of each of V views, from the mask's centre"),
+        *looks,
+    )
+    return tuple(
+        Field(f"rigid/{name}", dtype, shape, unit, meaning, optional=True)
+        for name, dtype, shape, unit, meaning in described
+    )
+
+
+def _lip_fields() -> tuple[Field, ...]:
+    """Fields of the lip model and of what it found."""
+    both = 2 * N_POINTS
+    described: list[tuple[str, str, tuple[str | int, ...], str, str]] = [
+        (
+            "points",
+            "float32",
+            ("N", N_POINTS, 2),
+            "mm",
+            "lips in the mask's frame: 12 outer points, 8 inner, each from the left corner over the "
+            "upper lip",
+        ),
+        (
+            "found",
+            "uint8",
+            ("N",),
+            "0, 1",
+            "1 where the model found them, 0 where the face mesh's contour stands in",
+        ),
+        (
+            "numbers",
+            "float64",
+            (3,),
+            "1",
+            "scale of the finest level, blur of a level, usual squared error (database/lip_model.py)",
+        ),
+        ("mean_shape", "float32", (N_POINTS, 2), "pixel", "mean of the shapes, finest level"),
+        ("shape_modes", "float32", ("shapes", both), "1", "principal components of the shape"),
+        ("shape_variances", "float32", ("shapes",), "pixel^2", "variance along each"),
+        ("template", "float32", (N_POINTS, 2), "pixel", "shape on which the appearance lies"),
+        ("start_bias", "float32", (N_POINTS, 2), "pixel", "added to the face mesh's points"),
+        ("start_covariance", "float32", (both, both), "pixel^2", "of what is left"),
+    ]
+    for i in range(LEVELS):
+        h, w, m = (f"level {i} {size}" for size in ("rows", "columns", "modes"))
+        described += [
+            (f"level{i}/origin", "int32", (2,), "pixel", "first column and row of the box"),
+            (f"level{i}/region", "uint8", (h, w), "0, 1", "pixels of the template"),
+            (
+                f"level{i}/mean",
+                "float32",
+                (2, h, w),
+                "log level",
+                "mean brightness and redness, light taken out",
+            ),
+            (f"level{i}/modes", "float32", (m, 2, h, w), "log level", "principal components"),
+            (f"level{i}/variances", "float32", (m,), "1", "variance along each"),
+            (f"level{i}/noise", "float32", (2, h, w), "log level^2", "variance left in a pixel"),
+        ]
+    return tuple(
+        Field(f"lips/{name}", dtype, shape, unit, meaning, optional=True)
+        for name, dtype, shape, unit, meaning in described
+    )
+
+
 # fmt: off
 FIELDS: Final[tuple[Field, ...]] = (
     Field("pictures/data", "uint8", ("N", "padded"), "bytes",
@@ -116,6 +204,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("sequences/units", "int32", ("S",), "count", "units of the sequence, one after another"),
     Field("sequences/lighting", "float32", ("S", 3, "C"), "log gain",
           "lighting of the clip against the reference: coefficients a channel (analysis/texture.py)"),
+    Field("pieces/start", "float64", ("S",), "s",
+          "start of the clip in its media file, where clips are pieces of files", optional=True),
     Field("phones/sequence", "int32", ("P",), "index", "sequence of the phone"),
     Field("phones/phoneme", "uint8", ("P",), "index", "phoneme (Table 1)"),
     Field("phones/start", "float64", ("P",), "s", "start, in the clip's time"),
@@ -158,6 +248,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("sound/steps", "int32", ("S",), "count",
           "steps of each sequence's sound, 100 a second; 0 without sound", optional=True),
     *(f for kind in GUIDES for f in _guide_fields(kind)),
+    *_rigid_fields(),
+    *_lip_fields(),
 )
 # fmt: on
 """All datasets."""
@@ -166,7 +258,7 @@ ATTRIBUTES: Final[dict[str, str]] = {
     "schema": "always 'unitsel-database'",
     "schema_version": "version of this description; files of another version are refused",
     "fps": "frame rate of the database, 1/s; selection runs at it",
-    "codec": "codec of the pictures: png or webp",
+    "codec": "codec of the pictures, NAME or NAME:QUALITY (database/pictures.py)",
     "created": "UTC time of the build; not part of the content",
     "host": "machine of the build; not part of the content",
     "jobs": "parallel jobs of the build; not part of the content",
@@ -300,6 +392,33 @@ class GuideModel:
 
 
 @dataclass(frozen=True)
+class RigidTexture:
+    """What the person's rigid surface looks like: where the mask sits on a face; see `FIELDS`."""
+
+    points: F32
+    region: npt.NDArray[np.uint8]
+    place: F32
+    direction: npt.NDArray[np.float64]
+    values: F32
+    curvature: F32
+    gradient: F32
+    certainty: F32
+    coarse_values: F32
+    coarse_curvature: F32
+    coarse_gradient: F32
+    coarse_certainty: F32
+
+
+@dataclass(frozen=True)
+class UnitLips:
+    """The lip model and what it found in each unit; see `FIELDS`."""
+
+    model: LipModel
+    points: F32
+    found: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
 class DatabaseContent:
     """All of a database but its pictures and landmarks, which come unit by unit."""
 
@@ -314,5 +433,8 @@ class DatabaseContent:
     marks: PhoneMarks = field(default_factory=PhoneMarks.none)
     sound: tuple[npt.NDArray[np.float16], ...] = ()
     guides: dict[str, GuideModel] = field(default_factory=dict)
+    rigid: RigidTexture | None = None
+    lips: UnitLips | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)
+    starts: npt.NDArray[np.float64] | None = None

@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
-from av.container import InputContainer
 
-from database.container import decoded, open_media, reason, sound_stream, video_stream
+from database.container import frames_from, open_media, reason, sound_stream, video_stream
 from database.errors import MediaError
+from database.media_index import index_of
+from database.piece import Source, piece_of
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -54,13 +55,13 @@ class Sound:
         return len(self.samples) / self.rate
 
 
-def read_sound(path: str | Path, rate: int | None = SPEECH_RATE) -> Sound:
+def read_sound(source: Source, rate: int | None = SPEECH_RATE) -> Sound:
     """Read the sound of a media file as mono, aligned with its video's first frame.
 
     Parameters
     ----------
-    path : path
-        Video or sound file.
+    source : path or Piece
+        Video or sound file, or a piece of one: its sound begins at the piece's start.
     rate : int, optional
         Samples a second; None keeps the file's own.
 
@@ -69,12 +70,13 @@ def read_sound(path: str | Path, rate: int | None = SPEECH_RATE) -> Sound:
     MediaError
         If the file cannot be read or holds no sound.
     """
-    own_rate, _ = sound_format(path)
+    piece = piece_of(source)
+    own_rate, _ = sound_format(piece.path)
     wanted = own_rate if rate is None else rate
-    chunks = list(iter_sound(path, wanted, "mono"))
+    chunks = list(iter_sound(piece, wanted, "mono"))
     samples = np.concatenate(chunks, axis=1)[0] if chunks else np.zeros(0, np.float32)
     if len(samples) == 0:
-        raise MediaError(f"{path}: its sound cannot be decoded; is the file complete?")
+        raise MediaError(f"{piece}: its sound cannot be decoded; is the file complete?")
     return Sound(samples, wanted)
 
 
@@ -128,14 +130,14 @@ def sound_format(path: str | Path) -> tuple[int, str]:
         return int(stream.rate), stream.layout.name
 
 
-def iter_sound(path: str | Path, rate: int, layout: str) -> Iterator[FloatArray]:
-    """Decode a file's sound piece by piece from time zero.
+def iter_sound(source: Source, rate: int, layout: str) -> Iterator[FloatArray]:
+    """Decode the sound of a file, or of a piece of one, bit by bit from time zero.
 
     Gaps of the recording are silence, so that later sound keeps its time.
 
     Parameters
     ----------
-    path : path
+    source : path or Piece
     rate : int
         Samples a second to resample to.
     layout : str
@@ -150,44 +152,64 @@ def iter_sound(path: str | Path, rate: int, layout: str) -> Iterator[FloatArray]
     MediaError
         If the file cannot be read or holds no sound.
     """
-    path = Path(path)
+    piece = piece_of(source)
+    path = piece.path
     zero = _video_start(path)
-    with open_media(path) as container:
-        if sound_stream(container) is None:
-            raise MediaError(f"{path}: holds no sound")
-        # Mixing is scaled so that full-scale channels cannot add up to more than full scale.
-        resampler = AudioResampler(
-            format="fltp", layout=layout, rate=rate, options={"rematrix_maxval": "1.0"}
-        )
-        try:
-            for piece in _on_time(_native_frames(container), zero):
-                for frame in resampler.resample(piece):
-                    yield np.asarray(frame.to_ndarray(), dtype=np.float32)
-            for frame in resampler.resample(None):
+    skip = 0
+    if piece.start > 0 and zero is not None and index_of(path).steady:
+        frames = _native_frames(path, zero + piece.start)
+        zero += piece.start
+    else:
+        frames = _native_frames(path, None)
+        skip = round(piece.start * rate)
+    left = None if piece.end is None else round((piece.end - piece.start) * rate)
+    for chunk in _resampled(_on_time(frames, zero), path, rate, layout):
+        kept = chunk[:, skip:]
+        skip = max(0, skip - chunk.shape[1])
+        if left is not None:
+            kept = kept[:, :left]
+            left -= kept.shape[1]
+        if kept.shape[1]:
+            yield kept
+        if left == 0:
+            return
+
+
+def _resampled(
+    frames: Iterator[AudioFrame], path: Path, rate: int, layout: str
+) -> Iterator[FloatArray]:
+    # Mixing is scaled so that full-scale channels cannot add up to more than full scale.
+    resampler = AudioResampler(
+        format="fltp", layout=layout, rate=rate, options={"rematrix_maxval": "1.0"}
+    )
+    try:
+        for piece in frames:
+            for frame in resampler.resample(piece):
                 yield np.asarray(frame.to_ndarray(), dtype=np.float32)
-        except av.FFmpegError as error:
-            raise MediaError(
-                f"{path}: its sound cannot be converted to {rate} Hz {layout} ({reason(error)})"
-            ) from error
+        for frame in resampler.resample(None):
+            yield np.asarray(frame.to_ndarray(), dtype=np.float32)
+    except av.FFmpegError as error:
+        raise MediaError(
+            f"{path}: its sound cannot be converted to {rate} Hz {layout} ({reason(error)})"
+        ) from error
 
 
 def _video_start(path: Path) -> float | None:
     """Time stamp of the first video frame, seconds; None without video."""
+    frame = next(frames_from(path, video_stream, None), None)
+    return None if frame is None else frame.time
+
+
+def _native_frames(path: Path, time: float | None) -> Iterator[AudioFrame]:
+    """Sound frames of one format, from some time on or from the front.
+
+    A stream that changes its format in the middle ends there.
+    """
     with open_media(path) as container:
-        stream = video_stream(container)
-        if stream is not None:
-            for _, frame in decoded(container, stream):
-                return frame.time
-    return None
-
-
-def _native_frames(container: InputContainer) -> Iterator[AudioFrame]:
-    """Sound frames of one format; a stream that changes it in the middle ends there."""
-    stream = sound_stream(container)
-    if stream is None:
-        return
+        if sound_stream(container) is None:
+            raise MediaError(f"{path}: holds no sound")
     kind: tuple[str, str, int] | None = None
-    for _, frame in decoded(container, stream):
+    for frame in frames_from(path, sound_stream, time):
         if not isinstance(frame, AudioFrame) or frame.samples == 0:
             continue
         own = (frame.format.name, frame.layout.name, frame.sample_rate)

@@ -131,8 +131,18 @@ _KNOWN: Final[dict[str, tuple[str, ...]]] = {
 }
 
 
-@lru_cache(maxsize=4096)
+_LONGEST: Final = 40
+"""Characters; longer labels are no symbols, and looking into each of them would take long."""
+
+
 def _lookup(symbol: str, alphabet: str) -> tuple[str, ...]:
+    if len(symbol) > _LONGEST:
+        return () if symbol.strip() else ("sil",)
+    return _known(symbol, alphabet)
+
+
+@lru_cache(maxsize=4096)
+def _known(symbol: str, alphabet: str) -> tuple[str, ...]:
     if symbol.strip().lower() in SILENCE_MARKS:
         return ("sil",)
     if alphabet != "auto":
@@ -193,12 +203,13 @@ def unknown_symbols(symbols: Iterable[str], alphabet: str) -> list[str]:
     """List the distinct symbols that an alphabet does not know, in order."""
     _check_alphabet(alphabet)
     distinct = dict.fromkeys(symbols)
-    unknown = [s for s in distinct if not _lookup(s, alphabet)]
+    found = {s: _lookup(s, alphabet) for s in distinct}
+    unknown = [s for s in distinct if not found[s]]
     if alphabet == "arpabet":  # SAMPA tells T from t, ARPAbet never mixes them
-        cased = [s for s in distinct if s.strip().lower() not in SILENCE_MARKS and s not in unknown]
+        cased = [s for s in distinct if found[s] and s.strip().lower() not in SILENCE_MARKS]
         upper = [s for s in cased if s.isupper()]
-        minority = upper if 2 * len(upper) < len(cased) else [s for s in cased if s not in upper]
-        unknown += minority
+        is_rare = 2 * len(upper) < len(cased)
+        unknown += upper if is_rare else [s for s in cased if not s.isupper()]
     return unknown
 
 

@@ -33,6 +33,7 @@ from database.schema import (
     GuideModel,
     PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
@@ -51,7 +52,9 @@ SELECTION: Final = next(f for f in FIELDS if f.path == "selection/settings")
 CHUNK_BYTES: Final = 8 << 20
 LANDMARK_ROWS: Final = 32
 PICTURE_ROWS: Final = 256
-LIBRARIES: Final = ("unitsel", "numpy", "scipy", "scikit-learn", "h5py", "av", "pocketsphinx")
+LIBRARIES: Final = (
+    *("unitsel", "numpy", "scipy", "scikit-learn", "h5py", "pillow", "av", "pocketsphinx"),
+)
 
 
 def library_versions() -> dict[str, str]:
@@ -186,8 +189,15 @@ def _prepare(
     if any(len(s) for s in content.sound):
         values["sound/features"] = np.concatenate(content.sound)
         values["sound/steps"] = [len(s) for s in content.sound]
+    if content.starts is not None:
+        values["pieces/start"] = content.starts
     for kind, guide in content.guides.items():
         values |= {f"guide_{kind}/{f.name}": getattr(guide, f.name) for f in fields(guide)}
+    if content.rigid is not None:
+        values |= {f"rigid/{f.name}": getattr(content.rigid, f.name) for f in fields(RigidTexture)}
+    if content.lips is not None:
+        found = {"points": content.lips.points, "found": content.lips.found}
+        values |= {f"lips/{k}": v for k, v in (found | content.lips.model.as_arrays()).items()}
     values["mask/vertices"] = content.mask.vertices
     values["mask/grid"] = patch.grid
     values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
@@ -218,12 +228,18 @@ def _prepare(
     checks.check_mask(content.mask, camera)
     checks.check_texture(stored("texture", TextureModel))
     checks.check_costs(stored("costs", CostModel))
+    if "pieces/start" in arrays:
+        checks.check_starts(arrays["pieces/start"])
     if "sound/steps" in arrays:
         checks.check_sound(arrays["sound/steps"], sizes["F"])
+    if "rigid/points" in arrays:
+        checks.check_rigid(stored("rigid", RigidTexture))
     for kind in content.guides:
         if kind not in GUIDES:
             raise ValueError(f"there is no guide {kind!r}, only {', '.join(GUIDES)}")
         checks.check_guide(kind, stored(f"guide_{kind}", GuideModel))
+    if content.lips is not None:
+        checks.check_lips(content.lips)
     return arrays, sizes
 
 

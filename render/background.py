@@ -18,6 +18,7 @@ import numpy.typing as npt
 from database.errors import RenderError
 from database.mask import Poses
 from database.media import VideoFrame, read_video
+from database.piece import Piece
 
 IntArray = npt.NDArray[np.int64]
 
@@ -39,22 +40,35 @@ class Background:
     fps : float
         Frame rate that `first` and the poses count in.
     first : int
-        Number of the first frame used, in the file.
+        Number of the first frame used, counted from `start`.
     poses : Poses
         Head pose of each frame from there on.
+    start : float
+        Seconds at which the tracked piece begins in the file.
     """
 
     path: Path
     fps: float
     first: int
     poses: Poses
+    start: float = 0.0
+
+    @property
+    def source(self) -> Piece:
+        """What is to be read: the file, or the piece of it that was tracked."""
+        return Piece(self.path, self.start)
 
     def __len__(self) -> int:
         return len(self.poses)
 
     @classmethod
     def from_tracked(
-        cls, path: str | Path, fps: float, frames: npt.NDArray[np.integer], poses: Poses
+        cls,
+        path: str | Path,
+        fps: float,
+        frames: npt.NDArray[np.integer],
+        poses: Poses,
+        start: float = 0.0,
     ) -> Background:
         """Take the longest run of frames in which the face was seen.
 
@@ -68,6 +82,8 @@ class Background:
             Numbers of the frames with a face, rising.
         poses : Poses
             Pose of each; one that is not finite counts as no face.
+        start : float
+            Seconds in the file at which the frames are counted from 0.
 
         Raises
         ------
@@ -82,10 +98,10 @@ class Background:
         )
         if len(known) == 0:
             raise RenderError(f"{path}: shows no face, so it cannot be a background")
-        start, stop = longest_run(numbers[known])
-        run = known[start:stop]
+        begin, stop = longest_run(numbers[known])
+        run = known[begin:stop]
         kept = Poses(poses.rotations[run], poses.translations[run])
-        return cls(Path(path), float(fps), int(numbers[run[0]]), kept)
+        return cls(Path(path), float(fps), int(numbers[run[0]]), kept, start)
 
 
 def longest_run(numbers: npt.NDArray[np.integer]) -> tuple[int, int]:
@@ -167,7 +183,7 @@ def stream_frames(
     Yields
     ------
     VideoFrame
-        Its `index` is the frame's number in the file.
+        Its `index` is the frame's number, counted as `Background.first` is.
 
     Raises
     ------
@@ -179,12 +195,12 @@ def stream_frames(
     wanted = np.asarray(indices, dtype=np.int64) + background.first
     backwards = bool((np.diff(wanted) < 0).any())
     held: deque[VideoFrame] = deque(maxlen=1)
-    source = read_video(background.path, background.fps)
+    source = read_video(background.source, background.fps)
     try:
         for number in wanted:
             if held and number < held[0].index:
                 source.close()
-                source = read_video(background.path, background.fps)
+                source = read_video(background.source, background.fps)
                 held.clear()
             while not held or held[-1].index < number:
                 frame = next(source, None)

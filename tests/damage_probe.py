@@ -18,7 +18,7 @@ from database.reader import UnitDatabase, open_database
 
 MEMBERS = (
     *("fps", "codec", "settings", "versions", "report", "units", "sequences"),
-    *("phones", "marks", "mask", "camera", "texture", "costs", "guides", "selection"),
+    *("phones", "marks", "mask", "camera", "texture", "costs", "guides", "lips", "selection"),
 )
 
 

@@ -17,18 +17,23 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from database.cost_definition import feature_groups
+from database.lip_model import LEVELS, LipLevel, LipModel
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE, VISEME_OF
 from database.pictures import encode
 from database.schema import (
     GUIDES,
+    RIGID_COARSE,
+    RIGID_REGIONS,
     CostModel,
     DatabaseContent,
     GuideModel,
     PhoneMarks,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
+    UnitLips,
     Units,
 )
 from database.track import PhonemeTrack
@@ -174,7 +179,10 @@ def make_content(
     if guided:
         sound = tuple(rng.normal(size=(300, 26)).astype(np.float16) for _ in range(sequences))
         guides = {kind: _guide(rng, weights + 5) for kind in GUIDES}
-        content = replace(content, sound=sound, guides=guides, marks=_marks(content.phones))
+        starts = 2.5 * np.arange(len(content.sequences))
+        content = replace(content, sound=sound, guides=guides, starts=starts)
+        content = replace(content, marks=_marks(content.phones), rigid=_rigid(rng))
+        content = replace(content, lips=_lips(rng, len(units)))
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -200,6 +208,20 @@ def _marks(phones: Phones) -> PhoneMarks:
     )
 
 
+def _rigid(rng: np.random.Generator, points: int = 12, views: int = 2) -> RigidTexture:
+    """A random surface; a real one takes footage (tests/test_gradient_motion.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return np.abs(rng.normal(size=shape)).astype(np.float32)
+
+    coarse = -(-points // RIGID_COARSE)
+    looks = [some(views, n, *more) for n in (points, coarse) for more in ((), (), (3,), ())]
+    region = np.arange(points, dtype=np.uint8) % RIGID_REGIONS
+    return RigidTexture(
+        some(points, 3), region, some(points, 4), some(views, 3).astype(np.float64), *looks
+    )
+
+
 def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
     """Random networks; a fitted guide takes a corpus (tests/test_guide.py)."""
 
@@ -217,6 +239,38 @@ def _guide(rng: np.random.Generator, outputs: int) -> GuideModel:
         gain=np.ones(outputs, dtype=np.float32),
         skill=np.zeros(outputs, dtype=np.float32),
     )
+
+
+def _lips(rng: np.random.Generator, n: int) -> UnitLips:
+    """A random lip model; a trained one takes pictures (tests/test_lip_model.py)."""
+
+    def some(*shape: int) -> np.ndarray:
+        return np.abs(rng.normal(size=shape)).astype(np.float32) + 0.1
+
+    levels = [
+        LipLevel(
+            np.array([2, 3], np.int32),
+            np.ones((4, 5), np.uint8),
+            some(2, 4, 5),
+            some(3, 2, 4, 5),
+            some(3),
+            some(2, 4, 5),
+        )
+        for _ in range(LEVELS)
+    ]
+    model = LipModel(
+        scale=0.5,
+        blur=0.3,
+        energy=400.0,
+        mean_shape=some(20, 2),
+        shape_modes=some(2, 40),
+        shape_variances=some(2),
+        template=some(20, 2),
+        start_bias=some(20, 2),
+        start_covariance=some(40, 40),
+        levels=tuple(levels),
+    )
+    return UnitLips(model, some(n, 20, 2), np.ones(n, np.uint8))
 
 
 def _speak(

@@ -18,6 +18,7 @@ from database.errors import (
 )
 from database.fingerprint import content_hash
 from database.phonemes import CLOSURES, PHONEMES, VISEME_OF
+from database.pictures import codec_for
 from database.reader import open_database
 from database.timing import Timing, read_timing, write_timing
 from database.track import frame_times
@@ -128,12 +129,15 @@ def test_head_motion_is_out_of_the_crops_and_in_the_poses(puppet, db):
 
 
 def test_stored_pictures_give_the_stored_weights(db):
-    """A clip of the database described as a foreign one has the weights that it has."""
+    """A clip of the database described as a foreign one has nearly the weights that it has.
+
+    They were found in the crops as they were before encoding lost a little of them.
+    """
     for s in (0, len(db.sequences) - 1):
         mine = np.flatnonzero(db.units.sequence == s)
         reduced = np.stack([reduce_crop(p) for p in db.pictures(mine)])
         weights = describe_clip(reduced, db.texture)
-        assert np.abs(weights - db.units.pca[mine]).max() < 1e-3 * np.abs(db.units.pca).max()
+        assert np.abs(weights - db.units.pca[mine]).max() < 1e-2 * np.abs(db.units.pca).max()
 
 
 def test_everything_is_finite_and_in_range(db):
@@ -144,7 +148,8 @@ def test_everything_is_finite_and_in_range(db):
         assert values.min() >= 0 and values.max() <= 1, name
     assert (db.units.mouth_width > 30).all() and (db.units.mouth_width < 80).all()
     assert db.costs.phoneme_distance.shape == (43, 43)
-    assert db.settings["codec"] == "png"
+    patch = db.mask.patch
+    assert db.settings["codec"] == db.codec == codec_for(patch.crop_width, patch.crop_height)
     assert set(db.versions) >= {"unitsel", "numpy"}
 
 
@@ -198,7 +203,14 @@ def test_settings_change_the_content(short_corpus, short_build, no_traces):
 def test_progress_is_told(short_build):
     _, told = short_build
     stages = list(dict.fromkeys(stage for stage, _, _ in told))
-    assert stages == ["finding the person", "analysing clips", "describing mouths", "writing"]
+    assert stages == [
+        "finding the person",
+        "analysing clips",
+        "describing mouths",
+        "training the lip model",
+        "fitting lips",
+        "writing",
+    ]
     for stage in stages:
         done = [d for s, d, _ in told if s == stage]
         (total,) = {t for s, _, t in told if s == stage}
@@ -417,10 +429,9 @@ def real(corpus, face_models, tmp_path_factory):
 def test_real_clips_lose_just_their_faceless_frames(real):
     report, opened = real
     assert report.skipped == ()
-    notes = dict(report.repaired)
-    assert set(FACELESS) <= set(notes)
     for name in FACELESS:
-        assert notes[name].startswith("no face in frame"), notes[name]
+        notes = [note for clip, note in report.repaired if clip == name]
+        assert sum(note.startswith("no face in frame") for note in notes) == 1, notes
         s = opened.sequences.name.index(name)
         mine = opened.units.frame[opened.units.sequence == s]
         assert mine[0] > 0, "the clip begins without a face"

@@ -93,12 +93,12 @@ def test_limit_spreads_over_the_sorted_names(puppet_corpus: Path, tmp_path: Path
     clips = sorted(p.stem for p in puppet_corpus.glob("*.mp4"))
     status, out, _ = run(
         *("build", puppet_corpus, "-o", tmp_path / "one.h5", "--jobs", 1, "--json"),
-        *("--exclude", ",".join(clips[3:]), "--limit", 2, "--codec", "webp"),
+        *("--exclude", ",".join(clips[3:]), "--limit", 2, "--codec", "webp:80"),
     )
     assert status == 0
     with open_database(tmp_path / "one.h5") as database:
         assert database.sequences.name == (clips[0], clips[2])
-        assert database.codec == "webp"
+        assert database.codec == "webp:80"
         assert len(database) == json.loads(out)["units"]
 
 

@@ -1,12 +1,14 @@
 """The schema, the writer and the reader speak of the same fields."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import h5py
+import numpy as np
 import pytest
 
 from database.errors import DatabaseError
 from database.fingerprint import content_hash
+from database.pictures import encode
 from database.reader import open_database
 from database.schema import (
     ATTRIBUTES,
@@ -14,11 +16,13 @@ from database.schema import (
     CostModel,
     GuideModel,
     Phones,
+    RigidTexture,
     Sequences,
     TextureModel,
     Units,
     field_table,
 )
+from database.writer import write_database
 
 
 def datasets(path):
@@ -44,6 +48,18 @@ def full_db(makedb, tmp_path_factory):
 def test_a_file_holds_the_fields_and_nothing_else(full_db, small_db):
     assert sorted(datasets(full_db)) == sorted(f.path for f in FIELDS)
     assert sorted(datasets(small_db)) == sorted(f.path for f in FIELDS if not f.optional)
+
+
+def test_clips_know_where_in_their_files_they_start(full_db, small_db, makedb, tmp_path):
+    with open_database(full_db) as db:
+        np.testing.assert_array_equal(db.starts, [0.0, 2.5])
+    with open_database(small_db) as db:
+        np.testing.assert_array_equal(db.starts, np.zeros(len(db.sequences)))
+    content, pictures, landmarks = makedb.make_content(sequences=2, frames=12, crop=(16, 16))
+    for starts in ([0.0, -1.0], [0.0, np.nan], [0.0]):
+        with pytest.raises(DatabaseError, match="pieces/start"):
+            wrong = replace(content, starts=np.array(starts))
+            write_database(tmp_path / "x.h5", wrong, (encode(p) for p in pictures), landmarks)
 
 
 def test_half_an_optional_group_is_damage(full_db, tmp_path):
@@ -95,11 +111,19 @@ def test_metadata_is_of_a_format_with_checksums(small_db):
         ("costs", CostModel, set()),
         ("guide_phonemes", GuideModel, set()),
         ("guide_sound", GuideModel, set()),
+        ("rigid", RigidTexture, set()),
     ],
 )
 def test_dataclasses_name_the_fields_of_their_group(group, kind, apart):
     described = {f.path.split("/")[1] for f in FIELDS if f.path.startswith(f"{group}/")}
     assert {f.name for f in fields(kind)} == described - apart
+
+
+def test_lip_models_have_the_fields_of_their_group(full_db):
+    described = {f.path for f in FIELDS if f.path.startswith("lips/")}
+    with open_database(full_db) as database:
+        arrays = {"points", "found", *database.lip_model.as_arrays()}
+    assert {f"lips/{name}" for name in arrays} == described
 
 
 def test_the_table_for_the_documentation_has_every_field_and_attribute():

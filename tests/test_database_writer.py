@@ -143,8 +143,8 @@ def test_pictures_must_be_as_many_as_units_of_the_codec_and_size(made, tmp_path)
             write_database(tmp_path / "x.h5", content, iter(wrong), landmarks)
     with pytest.raises(DatabaseError, match="begin as a webp picture"):
         write_database(tmp_path / "x.h5", content, pictures, landmarks, codec="webp")
-    with pytest.raises(DatabaseError, match="choose one of: png, webp"):
-        write_database(tmp_path / "x.h5", content, pictures, landmarks, codec="jpeg")
+    with pytest.raises(DatabaseError, match="choose one of: avif, jpeg, png, webp"):
+        write_database(tmp_path / "x.h5", content, pictures, landmarks, codec="gif")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,10 +1,9 @@
-"""Lips measured on contours made by hand, teeth and tongue on painted mouths."""
+"""Lips measured on contours made by hand."""
 
-import cv2
 import numpy as np
 import pytest
 
-from analysis.lips import LIP_SMOOTHING, lip_geometry, mesh_mouth_height, teeth_and_tongue
+from analysis.lips import LIP_SMOOTHING, lip_geometry, mesh_mouth_height
 from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, MouthPatch, Poses, project
 
 CAMERA = Camera.assumed(360, 288)
@@ -114,79 +113,3 @@ def test_the_ruler_does_not_need_a_pose():
     np.testing.assert_allclose(heights, 20 / 88.9, rtol=1e-4)
     closed = project(vertices(50, 12), pose().matrix(0), CAMERA)
     assert mesh_mouth_height(closed[None])[0] == pytest.approx(12 / 88.9, rel=1e-4)
-
-
-SKIN, LIPS = (205, 165, 145), (170, 95, 92)
-DARK, WHITE, TONGUE = (38, 20, 18), (222, 212, 196), (150, 78, 80)
-
-
-def painted(inside, opening=14.0, above=1.0, gain=1.0, rest=DARK, where=None):
-    """A mouth's crop and contours: `inside` fills the opening down to the part `above`."""
-    where = where or patch()
-    points = vertices(50, 20 + opening, opening)
-    contours = points[[*OUTER_LIPS, *INNER_LIPS], :2].astype(np.float32)
-    crop = np.full((where.crop_height, where.crop_width, 3), SKIN, np.uint8)
-    at = np.round(where.to_crop(contours)).astype(np.int32)
-    cv2.fillPoly(crop, [at[:20]], LIPS)
-    cv2.fillPoly(crop, [at[20:]], rest)
-    hole = cv2.fillPoly(np.zeros(crop.shape[:2], np.uint8), [at[20:]], 1) > 0
-    top = where.to_crop(np.array([0, MOUTH[1] - opening / 2]))[1]
-    rows = np.arange(where.crop_height)[:, None] < top + above * opening * where.pixels_per_mm
-    crop[hole & rows] = inside
-    crop = np.clip(crop * gain, 0, 255).astype(np.uint8)
-    return teeth_and_tongue(crop, contours, opening, where)
-
-
-def test_a_dark_hole_shows_nothing():
-    teeth, tongue = painted(DARK)
-    assert teeth < 0.01 and tongue < 0.01
-
-
-def test_closed_lips_show_nothing():
-    assert painted(WHITE, opening=0.3) == (0.0, 0.0)
-
-
-def test_teeth():
-    teeth, tongue = painted(WHITE, opening=7.0, above=0.5)
-    assert teeth > 0.2
-    assert tongue < 0.02
-    assert painted(WHITE, opening=7.0)[0] > 1.7 * teeth
-
-
-def test_tongue():
-    teeth, tongue = painted(TONGUE)
-    assert tongue > 0.4
-    assert teeth < 0.02
-
-
-def test_both():
-    teeth, tongue = painted(WHITE, above=0.35, rest=TONGUE)
-    assert teeth > 0.1 and tongue > 0.2
-
-
-def test_visibility_is_an_area():
-    """The part of an ellipse inside its rim, in tenths of the resting mouth's width squared."""
-    for opening in (6.0, 10.0, 14.0):
-        a, b = 20 - 0.7, opening / 2 - 0.7
-        full = 0.1 * 50**2
-        expected = min(1.0, np.pi * a * b / full)
-        assert painted(WHITE, opening=opening)[0] == pytest.approx(expected, rel=0.12)
-
-
-def test_visibility_ends_at_one():
-    assert painted(WHITE, opening=30)[0] == 1.0
-
-
-@pytest.mark.parametrize("gain", [0.5, 0.75, 1.1])
-def test_lighting_does_not_count(gain):
-    assert painted(WHITE, above=0.5, gain=gain)[0] == pytest.approx(
-        painted(WHITE, above=0.5)[0], abs=0.03
-    )
-    assert painted(TONGUE, gain=gain)[1] == pytest.approx(painted(TONGUE)[1], abs=0.08)
-
-
-def test_the_size_of_the_crop_does_not_count():
-    small, large = patch(crop_width=88), patch(crop_width=288)
-    assert painted(WHITE, above=0.5, where=small)[0] == pytest.approx(
-        painted(WHITE, above=0.5, where=large)[0], abs=0.06
-    )

@@ -39,6 +39,7 @@ from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E
 from analysis.face import FaceSettings  # noqa: E402
 from analysis.guide import GuideSettings  # noqa: E402
 from analysis.lag import LagSettings  # noqa: E402
+from analysis.merge import merge_databases  # noqa: E402
 from analysis.motion import CropSettings, MotionSettings  # noqa: E402
 from analysis.texture import TextureSettings  # noqa: E402
 from database.cost_definition import CostSettings, FeatureWeights  # noqa: E402
@@ -158,6 +159,7 @@ __all__ = [
     "evaluate",
     "evaluate_folds",
     "inspect_database",
+    "merge_databases",
     "open_database",
     "planes_to_rgb",
     "read_sound",

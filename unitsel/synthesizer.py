@@ -15,6 +15,7 @@ import numpy.typing as npt
 from analysis.clip import sha256_of, track_face
 from analysis.face import FaceFinder
 from analysis.models import find_models
+from analysis.reference import from_stored
 from database.errors import MediaError, RenderError
 from database.mask import Poses, cut_crop
 from database.media import probe, snap_rate
@@ -164,11 +165,15 @@ class Synthesizer:
         probe(path)
         checksum = sha256_of(path)
         if checksum in sequences.sha256:
-            return self._own_background(sequences.sha256.index(checksum), path)
+            # Of the pieces of one long video the longest: less turning back and forth.
+            own = [i for i, known in enumerate(sequences.sha256) if known == checksum]
+            return self._own_background(max(own, key=lambda i: int(sequences.units[i])), path)
         if progress is not None:
             progress("tracking the background", 0, 1)
         db = self.database
-        face = track_face(path, db.mask, db.camera, FaceFinder(find_models(self._models)))
+        finder = FaceFinder(find_models(self._models))
+        reference = from_stored(db.rigid)
+        face = track_face(path, db.mask, db.camera, finder, reference=reference)
         if progress is not None:
             progress("tracking the background", 1, 1)
         return Background.from_tracked(path, probe(path).fps, face.numbers, face.poses)
@@ -204,6 +209,7 @@ class Synthesizer:
             db.fps,
             db.units.frame[units],
             Poses(db.units.rotation[units], db.units.translation[units]),
+            float(db.starts[sequence]),
         )
 
     def render(

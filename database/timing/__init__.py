@@ -15,8 +15,20 @@ from pathlib import Path
 
 from database.errors import PhonemeError, TimingError, TrackError
 from database.symbols import ALPHABETS
-from database.timing import delimited, grid, htk, mbrola, mfa_json, pocketsphinx, textgrid
-from database.timing.source import Source, read_source, write_text
+from database.timing import (
+    ctm,
+    delimited,
+    gentle,
+    grid,
+    htk,
+    mbrola,
+    mfa_json,
+    pocketsphinx,
+    rhubarb,
+    subtitles,
+    textgrid,
+)
+from database.timing.source import Source, decoded, read_source, write_text
 from database.timing.tiers import Timing
 from database.timing.words import WordTrack, clean_word, read_words
 from database.track import PhonemeTrack
@@ -27,6 +39,7 @@ __all__ = [
     "Timing",
     "WordTrack",
     "clean_word",
+    "parse_timing",
     "read_timing",
     "read_words",
     "timing_extensions",
@@ -53,6 +66,8 @@ class Format:
         To the file's text.
     recognise : callable, optional
         Whether a source of this extension is of this format; by default any is.
+    encoding : str
+        Of the written file.
     """
 
     name: str
@@ -61,11 +76,7 @@ class Format:
     read: Callable[[Source, str], Timing]
     write: Callable[[Timing], str]
     recognise: Callable[[Source], bool] = lambda source: True
-
-
-def _is_pocketsphinx(source: Source) -> bool:
-    # A cut-off file still shows which it was.
-    return '"tiers"' not in source.text and '"w"' in source.text
+    encoding: str = "utf-8"
 
 
 FORMATS: tuple[Format, ...] = (
@@ -73,6 +84,8 @@ FORMATS: tuple[Format, ...] = (
            textgrid.read, textgrid.write_long),
     Format("textgrid-short", (".textgrid",), "Praat TextGrid, written short",
            textgrid.read, textgrid.write_short),
+    Format("textgrid-utf16", (".textgrid",), "Praat TextGrid, written in UTF-16",
+           textgrid.read, textgrid.write_long, encoding="utf-16"),
     Format("htk", (".lab",), "HTK labels: start end label, in 100 ns", htk.read, htk.write),
     Format("mbrola", (".pho",), "MBROLA: phone and milliseconds, SAMPA",
            mbrola.read, mbrola.write),
@@ -81,10 +94,22 @@ FORMATS: tuple[Format, ...] = (
     Format("mfa-csv", (".csv",), "Montreal Forced Aligner: Begin, End, Label, Type, Speaker",
            delimited.read_mfa, delimited.write_mfa, delimited.is_mfa),
     Format("mfa-json", (".json",), "Montreal Forced Aligner: tiers of entries",
-           mfa_json.read, mfa_json.write, lambda s: not _is_pocketsphinx(s)),
+           mfa_json.read, mfa_json.write, mfa_json.recognise),
     Format("pocketsphinx", (".json",), "pocketsphinx align: words with their phones",
-           pocketsphinx.read, pocketsphinx.write, _is_pocketsphinx),
+           pocketsphinx.read, pocketsphinx.write, pocketsphinx.recognise),
+    Format("gentle", (".json",), "Gentle: words with the durations of their phones",
+           gentle.read, gentle.write, gentle.recognise),
+    Format("rhubarb-json", (".json",), "Rhubarb: mouth shapes A to H and X, for phones",
+           rhubarb.read_json, rhubarb.write_json, rhubarb.recognise),
+    Format("rhubarb-tsv", (".tsv",), "Rhubarb: seconds and mouth shape a line, for phones",
+           rhubarb.read_tsv, rhubarb.write_tsv),
+    Format("ctm", (".ctm",), "NIST: file channel start duration token, words or phones",
+           ctm.read, ctm.write),
     Format("grid", (".align",), "GRID words: start end word, in 1/25000 s", grid.read, grid.write),
+    Format("srt", (".srt",), "SubRip subtitles: cues of words",
+           subtitles.read, subtitles.write_srt),
+    Format("vtt", (".vtt",), "WebVTT subtitles: cues of words",
+           subtitles.read, subtitles.write_vtt),
 )  # fmt: skip
 """All formats; of those that share an extension the first is the one written by default."""
 
@@ -128,13 +153,40 @@ def read_timing(path: str | os.PathLike[str], alphabet: str = "auto") -> Timing:
         If the file cannot be read, or not as its format; names the file, the line where there
         is one, and what was expected.
     """
+    formats = _readable(path, alphabet)
+    return _read(read_source(path), formats, alphabet)
+
+
+def parse_timing(path: str | os.PathLike[str], data: bytes, alphabet: str = "auto") -> Timing:
+    """Read the bytes of a timing file.
+
+    Parameters
+    ----------
+    path : path
+        Where they come from; its extension tells the format.
+    data : bytes
+    alphabet : str
+        See `read_timing`.
+
+    Raises
+    ------
+    TimingError
+        As of `read_timing`.
+    """
+    formats = _readable(path, alphabet)
+    return _read(decoded(path, data), formats, alphabet)
+
+
+def _readable(path: str | os.PathLike[str], alphabet: str) -> list[Format]:
     if alphabet != "auto" and alphabet not in ALPHABETS:
         raise TimingError(
             f"{path}: cannot be read in alphabet {alphabet!r}; choose one of auto, "
             + ", ".join(ALPHABETS)
         )
-    formats = _formats_of(path)
-    source = read_source(path)
+    return _formats_of(path)
+
+
+def _read(source: Source, formats: list[Format], alphabet: str) -> Timing:
     chosen = next((f for f in formats if f.recognise(source)), formats[0])
     return chosen.read(source, alphabet)
 
@@ -176,4 +228,4 @@ def write_timing(
         text = chosen.write(timing)
     except (TimingError, TrackError, PhonemeError) as error:
         raise TimingError(f"{path}: {error}") from error
-    write_text(path, text)
+    write_text(path, text, chosen.encoding)

@@ -8,6 +8,9 @@ from typing import Any
 
 from database.timing.source import Source, quoted
 
+MAX_VALUES = 100_000
+"""More utterances in one file are a mistake."""
+
 _JSON_SPACE = re.compile(r"[ \t\r\n]*")
 
 
@@ -23,6 +26,8 @@ def read_values(source: Source) -> list[Any]:
         except (ValueError, RecursionError) as error:  # a number too long, brackets too deep
             raise source.error(f"expected JSON of a timing file: {error}") from error
         values.append(value)
+        if len(values) > MAX_VALUES:
+            raise source.error(f"expected at most {MAX_VALUES} JSON values one after another")
         at = _skip(source.text, at)
     return values
 
@@ -43,3 +48,8 @@ def member(source: Source, value: Any, key: str, kind: type, place: str) -> Any:
         name = {"dict": "an object", "list": "an array", "str": "a string"}[kind.__name__]
         raise source.error(f"expected {key!r} to be {name}, got {quoted(found)}", place)
     return found
+
+
+def has_key(source: Source, *keys: str) -> bool:
+    """Whether one of the keys stands before a colon; a cut-off file still shows which it was."""
+    return any(re.search(rf'"{key}"[ \t\r\n]*:', source.text) for key in keys)

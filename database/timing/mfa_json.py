@@ -8,9 +8,14 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from database.timing.json_text import member, read_values
+from database.timing.json_text import has_key, member, read_values
 from database.timing.source import Source, quoted
 from database.timing.tiers import Span, Tier, Timing, choose_tiers
+
+
+def recognise(source: Source) -> bool:
+    """Whether the file names tiers, or nothing that another aligner's JSON has."""
+    return has_key(source, "tiers") or not has_key(source, "w", "words", "mouthCues")
 
 
 def read(source: Source, alphabet: str) -> Timing:

@@ -8,9 +8,10 @@ like it (-allphone), else words. Several utterances may follow one another.
 from __future__ import annotations
 
 import json
+from bisect import bisect_left
 from typing import Any
 
-from database.timing.json_text import member, read_values
+from database.timing.json_text import has_key, member, read_values
 from database.timing.source import Source
 from database.timing.tiers import Span, Timing, looks_like_phones, phone_track, word_track
 from database.timing.words import is_word_silence
@@ -18,6 +19,11 @@ from database.track import Interval
 
 SLACK = 1.5e-3
 """Seconds: begins and durations are each rounded to a millisecond."""
+
+
+def recognise(source: Source) -> bool:
+    """Whether the file names words as pocketsphinx does."""
+    return has_key(source, "w") and not has_key(source, "tiers")
 
 
 def read(source: Source, alphabet: str) -> Timing:
@@ -75,11 +81,11 @@ def write(timing: Timing) -> str:
     if not words or not phones:
         rows = [_segment(i) for i in phones or words]
     else:
-        left, before = list(phones), 0.0
+        middles, done, before = [(p.start + p.end) / 2 for p in phones], 0, 0.0
         for word in [*words, Interval(timing.end, timing.end, "")]:
-            silent = [p for p in left if (p.start + p.end) / 2 < word.start]
-            inner = [p for p in left if word.start <= (p.start + p.end) / 2 < word.end]
-            left = left[len(silent) + len(inner) :]
+            first, after = bisect_left(middles, word.start), bisect_left(middles, word.end)
+            silent, inner = phones[done:first], phones[first:after]
+            done = max(done, after)
             if silent:
                 start, end = max(before, silent[0].start), min(silent[-1].end, word.start)
                 rows.append(_segment(Interval(start, end, "<sil>"), silent))

@@ -7,17 +7,31 @@ import contextlib
 import math
 import os
 import re
+import reprlib
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
 from database.errors import TimingError
 
-MAX_BYTES = 64 * 2**20
-"""Larger files are refused: hours of speech have a few megabytes of times."""
+MAX_BYTES = 16 * 2**20
+"""Larger files are refused: an hour of speech has a few megabytes of times."""
+
+MAX_LINES = 1_000_000
+"""Files of more lines are refused: five hours of phones in a TextGrid have fewer."""
+
+_LONGEST_NUMBER = 100
+"""Characters; no time needs more, and very long numbers take very long to read."""
+
+CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+"""Characters that no text file holds."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d{1,18}", re.ASCII)
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
 
 
 @dataclass(frozen=True)
@@ -48,7 +62,7 @@ class Source:
         if isinstance(text, (int, float)) and not isinstance(text, bool):
             value = float(text) if abs(text) < 1e18 else math.inf
         elif isinstance(text, str) and _NUMBER.fullmatch(text.strip()):
-            value = float(text)
+            value = float(text) if len(text) <= _LONGEST_NUMBER else math.inf
         else:
             raise self.error(f"expected {what} as a number, got {quoted(text)}", place)
         if not math.isfinite(value):
@@ -64,12 +78,13 @@ class Source:
 
 def quoted(value: object) -> str:
     """Show a value in a message, on one line and cut to a readable length."""
-    text = repr(value)
+    # A deep or large value is not written out only to be cut; a text is cut at its end.
+    text = repr(value[:41]) if isinstance(value, str) else _SHORT.repr(value)
     return text if len(text) <= 40 else text[:37] + "..."
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
-    """Read a text file: UTF-8, with or without byte order mark, or UTF-16 with one.
+    """Read a text file; see `decoded`.
 
     Raises
     ------
@@ -84,32 +99,64 @@ def read_source(path: str | os.PathLike[str]) -> Source:
         raise TimingError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # a path that holds a zero byte
         raise TimingError(f"{os.fspath(path)!r}: cannot be read: {error}") from error
-    source = Source(file, "")
+    return decoded(file, data)
+
+
+def _encoding(data: bytes) -> str:
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    # Without a mark: the ASCII that all formats begin with has a zero as every other byte.
+    first, second = data[:64:2], data[1:64:2]
+    if first and second:
+        if not any(first) and all(second):
+            return "utf-16-be"
+        if not any(second) and all(first):
+            return "utf-16-le"
+    return "utf-8-sig"
+
+
+def decoded(path: str | os.PathLike[str], data: bytes) -> Source:
+    """Decode a file's bytes: UTF-8 or UTF-16 of either byte order, each with or without a mark.
+
+    Parameters
+    ----------
+    path : path
+        Where the bytes come from, for messages.
+    data : bytes
+
+    Raises
+    ------
+    TimingError
+        If they are empty, binary, too many or in another encoding.
+    """
+    source = Source(Path(path), "")
     if len(data) > MAX_BYTES:
         raise source.error(f"larger than {MAX_BYTES >> 20} MiB, not a timing or words file")
-    encoding = "utf-8-sig"
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        encoding = "utf-16"
+    encoding = _encoding(data)
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1 if encoding == "utf-8-sig" else None
+        eight = encoding == "utf-8-sig"
+        line = data[: error.start].count(b"\n") + 1 if eight else None
         raise source.error(
-            f"expected text in UTF-8, got byte 0x{data[error.start]:02x} at offset {error.start}; "
+            f"expected text in {'UTF-8' if eight else 'UTF-16'}, got byte "
+            f"0x{data[error.start]:02x} at offset {error.start}; "
             f"is this a text file? If so, save it as UTF-8",
             line,
         ) from error
     if not text.strip():
         raise source.error("the file is empty")
-    binary = re.search(r"[\x00-\x08\x0e-\x1f\x7f]", text)
+    binary = CONTROL.search(text)
     if binary:
         line = text.count("\n", 0, binary.start()) + 1
         raise source.error(f"expected text, got the control character {binary[0]!r}", line)
-    return Source(file, text)
+    if len(re.findall(r"\r\n|\r|\n", text)) > MAX_LINES:
+        raise source.error(f"has more than {MAX_LINES} lines; split the recording and its times")
+    return Source(source.path, text)
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write UTF-8 beside the file and rename, so that no half-written file is ever seen.
+def write_text(path: str | os.PathLike[str], text: str, encoding: str = "utf-8") -> None:
+    """Write text beside the file and rename, so that no half-written file is ever seen.
 
     Raises
     ------
@@ -120,7 +167,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         file = Path(path)
         beside = file.with_name(f".{file.name}.{uuid.uuid4().hex[:12]}.part")
         try:
-            beside.write_text(text, encoding="utf-8", newline="\n")
+            beside.write_text(text, encoding=encoding, newline="\n")
             beside.replace(file)
         except BaseException:
             with contextlib.suppress(OSError):

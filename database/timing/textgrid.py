@@ -2,21 +2,23 @@
 
 Praat reads both the same way, and so does this: free-standing numbers, texts in double quotes
 (a quote inside is doubled) and flags like ``<exists>`` count, all other words are decoration.
-So a label may hold anything, even ``intervals [``. Tiers of points are skipped.
+So a label may hold anything, even ``intervals [``. Tiers of points are skipped. ELAN exports the
+same with whole milliseconds, its own names of tiers and sometimes nothing where no one speaks.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from database.timing.source import Source, quoted
-from database.timing.tiers import Span, Tier, Timing, choose_tiers
+from database.timing.tiers import MAX_SPANS, Span, Tier, Timing, choose_tiers
 from database.timing.words import fill_gaps
 
 _TOKEN = re.compile(
     r"""(?P<comment>![^\r\n]*)
-    | "(?P<text>(?:[^"]|"")*)"
+    | "(?P<text>[^"]*(?:""[^"]*)*)"
     | (?P<open>")
     | <(?P<flag>[a-z]+)>
     | (?P<number>[-+]?\.?\d[^\s"]*)
@@ -26,6 +28,10 @@ _TOKEN = re.compile(
 )
 
 
+SLACK = 1.1e-3
+"""Seconds: ELAN rounds each time to a millisecond."""
+
+
 @dataclass(frozen=True)
 class _Token:
     kind: str
@@ -33,9 +39,8 @@ class _Token:
     line: int
 
 
-def _tokens(source: Source) -> list[_Token]:
+def _tokens(source: Source) -> Iterator[_Token]:
     """All tokens that count; a key with something else after its ``=`` raises."""
-    out: list[_Token] = []
     key, line, at = "", 1, 0
     for match in _TOKEN.finditer(source.text):
         kind = match.lastgroup or ""
@@ -45,13 +50,12 @@ def _tokens(source: Source) -> list[_Token]:
             raise source.error("expected a closing quote, got the end of the file", line)
         if kind == "word" and key == "=":
             raise source.error(
-                f"expected a number or a quoted text after =, got {match[0]!r}", line
+                f"expected a number or a quoted text after =, got {quoted(match[0])}", line
             )
         if kind in ("text", "flag", "number"):
             value = match[kind].replace('""', '"') if kind == "text" else match[kind]
-            out.append(_Token(kind, value, line))
+            yield _Token(kind, value, line)
         key = kind if kind != "equals" else "="
-    return out
 
 
 class _Reader:
@@ -60,15 +64,13 @@ class _Reader:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.tokens = _tokens(source)
-        self.at = 0
 
     def take(self, kind: str, what: str) -> _Token:
-        if self.at == len(self.tokens):
+        token = next(self.tokens, None)
+        if token is None:
             raise self.source.error(
                 f"expected {what}, got the end of the file", self.source.text.count("\n") + 1
             )
-        token = self.tokens[self.at]
-        self.at += 1
         if token.kind != kind:
             raise self.source.error(f"expected {what}, got {quoted(token.text)}", token.line)
         return token
@@ -80,8 +82,10 @@ class _Reader:
     def count(self, what: str) -> int:
         token = self.take("number", what)
         value = self.source.whole(token.text, what, token.line)
-        if value < 0:
-            raise self.source.error(f"expected {what}, got {value}", token.line)
+        if not 0 <= value <= MAX_SPANS:
+            raise self.source.error(
+                f"expected {what} from 0 to {MAX_SPANS}, got {value}", token.line
+            )
         return value
 
 
@@ -101,9 +105,9 @@ def read(source: Source, alphabet: str) -> Timing:
     for t in range(reader.count("the number of tiers") if flag.text == "exists" else 0):
         found = reader.take("text", f"the class of tier {t + 1}")
         name = reader.take("text", f"the name of tier {t + 1}").text
-        reader.number(f"xmin of tier {name!r}")
-        end = reader.number(f"xmax of tier {name!r}")
-        count = reader.count(f"the number of entries of tier {name!r}")
+        reader.number(f"xmin of tier {quoted(name)}")
+        end = reader.number(f"xmax of tier {quoted(name)}")
+        count = reader.count(f"the number of entries of tier {quoted(name)}")
         if found.text == "IntervalTier":
             tiers.append(Tier(name, [_interval(reader) for _ in range(count)], end))
         elif found.text == "TextTier":
@@ -114,13 +118,13 @@ def read(source: Source, alphabet: str) -> Timing:
             raise source.error(
                 f'expected "IntervalTier" or "TextTier", got {quoted(found.text)}', found.line
             )
-    if reader.at < len(reader.tokens):
-        extra = reader.tokens[reader.at]
+    extra = next(reader.tokens, None)
+    if extra is not None:
         raise source.error(
             f"expected the end of the file after the last tier, got {quoted(extra.text)}",
             extra.line,
         )
-    return choose_tiers(source, tiers, alphabet)
+    return choose_tiers(source, tiers, alphabet, SLACK)
 
 
 def _interval(reader: _Reader) -> Span:

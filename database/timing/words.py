@@ -7,9 +7,10 @@ import os
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 
 from database.errors import TrackError
-from database.timing.source import read_source
+from database.timing.source import Source, decoded, read_source
 from database.track import SMALL_GAP, Interval
 
 WORD_SILENCES = frozenset(
@@ -18,7 +19,11 @@ WORD_SILENCES = frozenset(
 )
 """Labels of a word tier that are no words, lower case."""
 
-_TIMED = (".lab", ".align", ".textgrid", ".csv", ".json", ".pho")
+_TIMED = (*(".align", ".textgrid", ".csv", ".json", ".pho", ".ctm", ".tsv", ".srt", ".vtt"),)
+
+
+_LONGEST = 1000
+"""Characters of a word."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,9 @@ class WordTrack:
         Seconds, one for each word.
     duration : float, optional
         Seconds from 0 to the end of the recording; by default the last word's end.
+    cues : tuple of int, optional
+        For each word the number of the label it stood in, where labels held several words: only
+        the ends of a cue are known, the words inside share its time by their letters.
 
     Raises
     ------
@@ -46,6 +54,7 @@ class WordTrack:
     ends: tuple[float, ...]
     duration: float = 0.0
     name: str = field(default="words", compare=False)
+    cues: tuple[int, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if not self.words:
@@ -55,11 +64,13 @@ class WordTrack:
                 f"{self.name}: {len(self.words)} words have {len(self.starts)} starts and "
                 f"{len(self.ends)} ends"
             )
+        if self.cues and len(self.cues) != len(self.words):
+            raise TrackError(f"{self.name}: {len(self.words)} words have {len(self.cues)} cues")
         before = 0.0
         for i, (word, start, end) in enumerate(
             zip(self.words, self.starts, self.ends, strict=True), 1
         ):
-            where = f"{self.name}: word {i} ({word!r}, {start:g} to {end:g} s)"
+            where = f"{self.name}: word {i} ({word[:40]!r}, {start:g} to {end:g} s)"
             if len(word.split()) != 1 or word != word.strip():
                 raise TrackError(f"{where}: must be one word, without spaces")
             if not (math.isfinite(start) and math.isfinite(end)) or start < 0:
@@ -78,16 +89,23 @@ class WordTrack:
 
     @classmethod
     def from_intervals(
-        cls, intervals: Sequence[Interval], *, duration: float = 0.0, name: str = "words"
+        cls,
+        intervals: Sequence[Interval],
+        *,
+        duration: float = 0.0,
+        name: str = "words",
+        cues: Sequence[int] = (),
     ) -> WordTrack:
         """Build from labelled spans; those that mark silence only lengthen the duration."""
-        said = [i for i in intervals if not is_word_silence(i.label)]
+        told = [not is_word_silence(i.label) for i in intervals]
+        said = list(compress(intervals, told))
         return cls(
             tuple(i.label for i in said),
             tuple(i.start for i in said),
             tuple(i.end for i in said),
             max([duration, *(i.end for i in intervals)]),
             name,
+            tuple(compress(cues, told)),
         )
 
     def intervals(self) -> list[Interval]:
@@ -122,17 +140,21 @@ def clean_word(token: str) -> str:
     Points inside an abbreviation ("a.m.") and an apostrophe on one side ("'cause") stay; the
     curly apostrophe becomes the straight one. Upper and lower case are kept.
     """
-    word = unicodedata.normalize("NFC", token).replace("\u2019", "'").replace("\u2018", "'")
-    bare = word
-    while bare and _is_mark(bare[0]):
-        bare = bare[1:]
-    while bare and _is_mark(bare[-1]):
-        bare = bare[:-1]
-    if bare.startswith("'") and bare.endswith("'"):
-        return clean_word(bare[1:-1])
-    if "." in bare and word.endswith(bare + "."):
-        return bare + "."
-    return bare
+    # Sorting a long run of accents takes very long, and nothing so long is a word.
+    word = unicodedata.normalize("NFC", token) if len(token) <= _LONGEST else token
+    word = word.replace("\u2019", "'").replace("\u2018", "'")
+    first, end, after = 0, len(word), len(word)
+    while True:
+        while first < end and _is_mark(word[first]):
+            first += 1
+        while first < end and _is_mark(word[end - 1]):
+            end -= 1
+        if not (first < end and word[first] == word[end - 1] == "'"):
+            break
+        first, end = first + 1, end - 1
+        after = end
+    bare = word[first:end]
+    return bare + "." if "." in bare and word[end:after] == "." else bare
 
 
 def _is_mark(c: str) -> bool:
@@ -149,9 +171,17 @@ def read_words(path: str | os.PathLike[str]) -> list[str]:
     TimingError
         If the file cannot be read, is empty or binary, holds no word, or is a timing file.
     """
-    source = read_source(path)
+    return _words_of(read_source(path))
+
+
+def parse_words(path: str | os.PathLike[str], data: bytes) -> list[str]:
+    """Read the bytes of a words file; see `read_words`."""
+    return _words_of(decoded(path, data))
+
+
+def _words_of(source: Source) -> list[str]:
     first = source.lines()[0][1].split()
-    timed = source.path.suffix.lower() in _TIMED[1:] or (
+    timed = source.path.suffix.lower() in _TIMED or (
         source.path.suffix.lower() == ".lab" and len(first) > 1 and all(map(_is_time, first[:2]))
     )
     if timed:

@@ -7,8 +7,15 @@ import os
 import sys
 
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
+from analysis.calibration import read_camera
+from analysis.corpus_lips import SOURCES, LipSettings
 from analysis.estimate import Estimate, size_text
-from database.pictures import CODECS
+from analysis.face import FaceSettings
+from analysis.faces import check_choice
+from analysis.hand_points import read_hand_points
+from analysis.sound_offset import OffsetSettings, read_offset
+from database.errors import DatabaseError, UnitselError
+from database.pictures import AUTO_CODEC, CODECS, find_codec
 from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
 
@@ -17,13 +24,14 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     """Describe the command."""
     parser = commands.add_parser(
         "build",
-        help="build a database from a folder of clips",
-        description="Build a database from a folder of clips: media files, each with its words "
-        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it. Analysed clips "
-        "are kept in DB.h5.shards: a build that was ended goes on where it was, and one of more "
-        "clips analyses only those.",
+        help="build a database from a folder of clips, a manifest, or one long video",
+        description="Build a database from a folder of clips (media files, each with its words "
+        "in NAME.txt or a timing file NAME.TextGrid, .lab, .align, ... beside it), from a manifest "
+        "(a .csv with the header media,words,timing,start,end), or from one long video with its "
+        "timing file, which is cut at pauses. Analysed clips are kept in DB.h5.shards: a build "
+        "that was ended goes on where it was, and one of more clips analyses only those.",
     )
-    parser.add_argument("corpus", metavar="CORPUS_DIR")
+    parser.add_argument("corpus", metavar="CORPUS", help="folder, manifest.csv or video")
     parser.add_argument("-o", "--output", metavar="DB.h5", required=True)
     parser.add_argument(
         "--jobs",
@@ -45,16 +53,56 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         help="clips to leave out, separated by commas",
     )
     parser.add_argument(
+        "--timing",
+        metavar="FILE",
+        help="timing file of one long video (default: the one beside it)",
+    )
+    parser.add_argument(
+        "--face",
+        type=_face,
+        default="main",
+        metavar="WHICH",
+        help="which of several faces: left, right, largest, or a number counted from the left "
+        "(default: the largest and most central)",
+    )
+    parser.add_argument(
+        "--sound-offset",
+        type=_offset,
+        metavar="MS",
+        help="milliseconds by which the sound comes after the lips, to be taken out; auto: as "
+        "estimated (default: estimated and reported only)",
+    )
+    lens = parser.add_mutually_exclusive_group()
+    lens.add_argument(
         "--focal",
         type=positive_number,
         metavar="PIXELS",
         help="focal length of the camera (default: twice the longer side of the picture)",
     )
+    lens.add_argument(
+        "--camera",
+        metavar="FILE",
+        help="the camera as OpenCV's calibration writes it: YAML, XML or JSON",
+    )
+    lens.add_argument(
+        "--estimate-focal",
+        action="store_true",
+        help="estimate the focal length over the first clips; a head that turns tells it best",
+    )
+    parser.add_argument(
+        "--points",
+        metavar="FILE",
+        help="eye corners and nostrils marked in a frame of one clip, which rule where the mask "
+        "sits on the face",
+    )
     parser.add_argument(
         "--codec",
-        choices=sorted(CODECS),
-        default="png",
-        help="codec of the stored mouths: png is lossless, webp visually so (default: png)",
+        type=_codec,
+        default=AUTO_CODEC,
+        metavar="NAME[:QUALITY]",
+        help=f"codec of the stored mouths: {', '.join(sorted(CODECS))}; png loses nothing, the "
+        "others take a quality of 1 to 100 (default: png for mouths so small that it takes some "
+        "15 kB at most, else avif:85)",
     )
     parser.add_argument(
         "--person",
@@ -82,8 +130,30 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         action="store_true",
         help="say how long the build will take and how much space it needs, and stop",
     )
+    parser.add_argument(
+        "--lips",
+        choices=SOURCES,
+        default=LipSettings.source,
+        help="measure lips by a lip model (aam) or on the face mesh's smoothed contours "
+        f"(default: {LipSettings.source})",
+    )
+    parser.add_argument(
+        "--lip-points",
+        metavar="FILE.csv",
+        help="frames whose 20 lip points were marked by hand (clip,frame,point,x,y), to train the "
+        "lip model on",
+    )
     add_models(parser)
     return parser
+
+
+def _codec(name: str) -> str:
+    try:
+        if name != AUTO_CODEC:
+            find_codec(name)
+    except DatabaseError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return name
 
 
 class _OnlyEstimateError(Exception):
@@ -105,7 +175,17 @@ def run(options: argparse.Namespace, output: Output) -> None:
         report = build_database(
             options.corpus,
             options.output,
-            settings=BuildSettings(focal=options.focal, codec=options.codec),
+            settings=BuildSettings(
+                focal=options.focal,
+                camera=None if options.camera is None else read_camera(options.camera),
+                estimate_focal=options.estimate_focal,
+                hand=None if options.points is None else read_hand_points(options.points),
+                codec=options.codec,
+                lips=LipSettings(source=options.lips, marks=options.lip_points),
+                face=FaceSettings(face=options.face),
+                offset=OffsetSettings(correct=options.sound_offset),
+            ),
+            timing=options.timing,
             jobs=options.jobs,
             limit=options.limit,
             exclude=_names(options.exclude),
@@ -119,14 +199,29 @@ def run(options: argparse.Namespace, output: Output) -> None:
     except _OnlyEstimateError:
         output.result({"estimate": told[0].as_json()}, told[0].text())
     else:
-        output.result(report.as_json(), _text(report))
+        output.result(report.as_json(), report_text(report))
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _text(report: BuildReport) -> str:
+def _face(text: str) -> str:
+    try:
+        return check_choice(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _offset(text: str) -> float | str:
+    try:
+        return read_offset(text)
+    except UnitselError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def report_text(report: BuildReport) -> str:
+    """What a build made, for people."""
     reused = f" ({report.reused} of them analysed before)" if report.reused else ""
     lines = [
         f"{report.path}: {report.units} units from {report.sequences} clips{reused} in "

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from analysis.aam_fit import LipFitter
 from analysis.align import Aligner
 from analysis.clip import analyse_clip
 from analysis.corpus import Clip
+from analysis.corpus_lips import find_lips
 from analysis.face import FaceFinder
 from analysis.lips import mesh_mouth_height
+from analysis.reference import from_stored
 from analysis.texture import describe_clip
+from database.pictures import decode
 from database.reader import UnitDatabase
 from database.track import PhonemeTrack
 from unitsel.likeness.eye_measures import lip_opening
@@ -56,23 +60,45 @@ class Target:
 def analysed_target(
     database: UnitDatabase, clip: Clip, finder: FaceFinder, aligner: Aligner
 ) -> Target:
-    """Analyse a clip, in the database's mask, components and lighting.
+    """Analyse a clip, in the database's mask, components and lighting, and by its lip model.
 
     Raises
     ------
     UnitselError
         Of the kind that says what is wrong with the clip.
     """
-    analysed = analyse_clip(clip, database.mask, database.camera, finder, aligner, fps=database.fps)
+    model = database.lip_model
+    analysed = analyse_clip(
+        clip,
+        database.mask,
+        database.camera,
+        finder,
+        aligner,
+        fps=database.fps,
+        reference=from_stored(database.rigid),
+        codec=None if model is None else database.codec,
+    )
+    face, lips = analysed.face, analysed.lips
+    if model is not None:
+        pictures = (decode(data, database.codec) for data in analysed.pictures)
+        lips = find_lips(
+            LipFitter(model),
+            pictures,
+            face.landmarks,
+            face.poses,
+            database.mask,
+            face.camera,
+            face.numbers,
+        ).geometry
     return Target(
         clip.name,
         analysed.alignment.text,
         analysed.alignment.track,
-        analysed.face.numbers.astype(np.int64),
+        face.numbers.astype(np.int64),
         describe_clip(analysed.reduced, database.texture),
-        analysed.lips.height.astype(np.float64),
-        mesh_mouth_height(analysed.face.landmarks),
-        lip_opening(analysed.face.landmarks),
+        lips.height.astype(np.float64),
+        mesh_mouth_height(face.landmarks),
+        lip_opening(face.landmarks),
         analysed.sound if len(analysed.sound) else None,
     )
 

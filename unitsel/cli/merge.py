@@ -1,0 +1,55 @@
+"""``unitsel merge``: databases of one person into one."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from analysis.build_settings import ShardSettings
+from analysis.merge import merge_databases
+from unitsel.cli.arguments import Commands, add_models, positive_int
+from unitsel.cli.build import report_text
+from unitsel.cli.output import Output
+
+
+def add(commands: Commands) -> argparse.ArgumentParser:
+    """Describe the command."""
+    parser = commands.add_parser(
+        "merge",
+        help="databases of one person into one",
+        description="Merge databases of one person: clips that their builds have kept are taken "
+        "over where they were analysed with the first one's mask, the others are analysed again, "
+        "and what depends on all clips is fitted anew.",
+    )
+    parser.add_argument(
+        "databases", metavar="DB.h5", nargs="+", help="the first one's mask is taken"
+    )
+    parser.add_argument("-o", "--output", metavar="OUT.h5", required=True)
+    parser.add_argument(
+        "--jobs",
+        type=positive_int,
+        default=max(1, os.cpu_count() or 1),
+        metavar="N",
+        help="clips analysed at a time (default: the number of cores)",
+    )
+    parser.add_argument(
+        "--discard-shards",
+        action="store_true",
+        help="delete the merged database's analysed clips when it is complete",
+    )
+    add_models(parser)
+    return parser
+
+
+def run(options: argparse.Namespace, output: Output) -> None:
+    """Merge and report."""
+    report = merge_databases(
+        options.databases,
+        options.output,
+        jobs=options.jobs,
+        models=options.models,
+        dictionary=options.dictionary,
+        shards=ShardSettings(keep=not options.discard_shards),
+        progress=output.progress,
+    )
+    output.result(report.as_json(), report_text(report))
