@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from unitsel.cli.arguments import Commands
-from unitsel.cli.making import add_making, check_making, make
+from unitsel.cli.making import add_making, check_database, check_making, make
 from unitsel.cli.output import Output
 from unitsel.speech_track import align_media
 
@@ -30,6 +30,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
 def run(options: argparse.Namespace, output: Output) -> None:
     """Align, select, render, write and report."""
     check_making(options)
+    check_database(options)
     found = align_media(options.speech, options.words, dictionary=options.dictionary)
     made = make(
         options,

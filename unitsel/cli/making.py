@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from database.errors import SelectionError
 from database.reader import UnitDatabase, open_database
 from database.sound import Sound, read_sound
 from database.timing.words import WordTrack
@@ -69,6 +70,24 @@ def check_making(options: argparse.Namespace) -> None:
     check_output(options.output, SUFFIXES)
     if options.explain is not None:
         check_output(options.explain, (".html", ".htm"))
+
+
+def check_database(options: argparse.Namespace) -> None:
+    """Refuse a database that cannot be used, or lacks the network that is asked for.
+
+    Raises
+    ------
+    DatabaseError, SelectionError
+        Naming the file and what is wrong with it.
+    """
+    with open_database(options.database) as database:
+        target = selection_settings(options, database).target
+        if target.guide is not None and target.guide not in database.guides:
+            raise SelectionError(
+                f"{options.database}: target cost {target.name!r} needs a guide from "
+                f"{target.guide}, the database holds {', '.join(database.guides) or 'none'}; build "
+                "it again from more clips, or choose 'paper'"
+            )
 
 
 def make(

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from database.errors import SpeechError
-from database.reader import open_database
 from unitsel.cli.arguments import Commands, check_output, positive_number
-from unitsel.cli.making import add_making, check_making, make
+from unitsel.cli.making import add_making, check_database, check_making, make
 from unitsel.cli.output import Output
 from unitsel.speech.spoken import ESPEAK, Speech, speak
 from unitsel.speech.text import checked_text, read_text
@@ -57,18 +56,17 @@ def run(options: argparse.Namespace, output: Output) -> None:
     if options.audio_out is not None:
         check_output(options.audio_out, (".wav",))
     text = _text(options)
-    # An unusable database is told before the speaking, which may take a model's time.
-    with open_database(options.database):
-        pass
+    check_database(options)  # Before the speaking, which may take a large model's time.
     with tempfile.TemporaryDirectory(prefix="unitsel-") as folder:
-        recorded = options.tts != ESPEAK and "{" not in options.tts
-        wav = None if recorded else options.audio_out or Path(folder) / "speech.wav"
+        wav = options.audio_out
+        if wav is None and (options.tts == ESPEAK or "{" in options.tts):
+            wav = Path(folder) / "speech.wav"
         speech = speak(
             text,
             voice=options.voice,
             rate=options.rate,
             tts=options.tts,
-            wav=options.audio_out if recorded else wav,
+            wav=wav,
             dictionary=options.dictionary,
         )
         audio = speech.sound if isinstance(speech.sound, Path) else None

@@ -176,7 +176,10 @@ def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> S
                     file.setframerate(samples)
                     said = _say(text, voice, rate, lambda p: file.writeframes(p.tobytes()), samples)
             except (OSError, wave.Error) as error:
-                raise SpeechError(f"{wav}: cannot be written: {error}") from error
+                why = getattr(error, "strerror", None) or str(error)
+                raise SpeechError(
+                    f"{wav}: cannot be written: {why}; choose another place"
+                ) from error
         sound = wav
     phones, approximated = render_intervals(said.phones)
     length = LEAD + said.duration + TAIL
