@@ -39,7 +39,8 @@ _GLIDES: Final = {"i": "y", "u": "w", "y": "w", "ɨ": "y", "ʉ": "w"}
 
 _MNEMONICS: Final = {"ts.": "ʈʂ", "nɡ": "ŋ", "s.": "ʂ", "z.": "ʐ", "t.": "ʈ",
                      "d.": "ɖ", "n.": "ɳ", "l.": "ɭ", "r.": "ɽ", "i.": "ɨ", "i\u032a": "ɨ",
-                     "o-": "ɤ", "u-": "ɯ", "i-": "ɨ"}  # fmt: skip
+                     "o-": "ɤ", "u-": "ɯ", "i-": "ɨ",
+                     "?": "ʔ", "ε": "ɛ"}  # fmt: skip
 _REST: Final = {"ʲ": "y", "ʷ": "w", "ʘ": "p", "ǀ": "t", "ǃ": "t", "ǂ": "t", "ǁ": "l", "ɥ": "w",
                 "ʄ": "jh", "ʛ": "g", "ʜ": "hh", "ʢ": "hh", "ʡ": "k", "ⱱ": "v", "ɧ": "sh",
                 "ɿ": "ix", "ʅ": "ix", "ʮ": "uw", "ʯ": "uw"}  # fmt: skip
@@ -108,6 +109,14 @@ def render_symbol(symbol: str) -> Rendering:
         return _in_parts(bare, letters)
 
 
+def _by_mnemonic(bare: str) -> tuple[str, ...]:
+    """Phonemes of espeak's own name for a sound, which some voices have no IPA for."""
+    try:
+        return to_phonemes(bare, "espeak")
+    except PhonemeError:
+        return ()
+
+
 def _in_parts(bare: str, letters: str) -> Rendering:
     """A symbol that is no single phone to the strict table, letter by letter."""
     text = unicodedata.normalize("NFD", letters)
@@ -134,6 +143,8 @@ def _in_parts(bare: str, letters: str) -> Rendering:
         phonemes += found
         shares += [1.0 / max(1, len(found))] * len(found)
         at += max(1, size)
+    if not (phonemes and known) and (named := _by_mnemonic(bare)):
+        return Rendering(bare, named, _even(named), False)
     if not phonemes:
         phonemes, shares, known = [_NEUTRAL], [1.0], False
     whole = sum(shares)

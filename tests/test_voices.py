@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import unitsel
+from analysis.espeak import voices
 from analysis.utterance import say
 from database.alphabets import VOWELS
 from database.phonemes import PHONEMES
@@ -106,11 +107,26 @@ def test_sentences_keep_their_order_and_pauses(
         ("rʲ", "r"), ("ˈɑu5", "aw"),
         ("aː", "aa"), ("a", "ae"), ("ɔ̃", "ao"), ("ts", "t s"), ("tsʰ", "t s"), ("ʘ", "p"),
         ("", "sil"), ("ˈ", "sil"), ("d͡ʒ", "jh"), ("œ̃ː", "er"),
+        ("tS", "ch"), ("?ɑ", "t aa"), ("ε", "eh"),
     ],
 )  # fmt: skip
 def test_symbols_of_any_voice(symbol: str, phonemes: str) -> None:
     said = render_symbol(symbol)
     assert said.known and " ".join(said.phonemes) == phonemes
+
+
+@pytest.mark.usefixtures("espeak")
+def test_every_voice_is_understood() -> None:
+    unknown, spoken = set(), 0
+    for voice in voices():
+        try:
+            speech = unitsel.speak("1 2 3 8 10 100 radio taxi", voice=voice.languages[0])
+        except unitsel.SpeechError:
+            continue  # Three voices come without their dictionaries.
+        spoken += 1
+        unknown |= {r.symbol for r in speech.approximated if not r.known}
+    assert spoken > 100
+    assert unknown <= {"\u0303"}, "a nasal mark on its own, in Bishnupriya Manipuri"
 
 
 def test_a_symbol_that_nobody_knows_is_told() -> None:
