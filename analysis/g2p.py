@@ -1,39 +1,27 @@
 """Pronunciations that no dictionary has: guessed by espeak-ng, where it is installed.
 
 espeak-ng is GPL-3, so it is the optional extra ``espeak`` and nothing here needs it: without it
-nothing is guessed, and whoever needs the word asks the user for its pronunciation. The library
-is one instance a process, with one voice at a time; the lock keeps threads apart, and the voice
-is set for each question, since whoever else speaks with it may have changed it.
+nothing is guessed, and whoever needs the word asks the user for its pronunciation.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import re
-import threading
 import unicodedata
 from collections.abc import Iterable
-from functools import cache
 from typing import Final
 
+from analysis.espeak import phonemes_in_ipa
 from database.errors import PhonemeError
 from database.lexicon import Lexicon, Pronunciation
 from database.symbols import to_phonemes
 from database.timing.words import clean_word
 
-VOICE: Final = b"en-us"
-
-_SYNCHRONOUS: Final = 2
-_DONT_EXIT: Final = 0x8000
-_UTF8: Final = 1
-_IPA: Final = 0x02
-_SEPARATED: Final = ord("_") << 8
+VOICE: Final = "en-us"
 
 _LANGUAGE: Final = re.compile(r"\([a-z-]+\)")
 """espeak's mark of a word that it says in another language: ``(fr)``."""
-
-_lock = threading.Lock()
 
 
 def speaking_lexicon(dictionary: str | os.PathLike[str] | None = None) -> Lexicon:
@@ -93,18 +81,10 @@ def guess_pronunciation(word: str) -> Pronunciation | None:
     bare = clean_word(word)
     if not bare or not all(map(_is_readable, bare)) or not any(c.isalnum() for c in bare):
         return None
-    library = _espeak()
-    if library is None:
+    said = phonemes_in_ipa(bare, VOICE)
+    if said is None:
         return None
-    with _lock:
-        if library.espeak_SetVoiceByName(VOICE) != 0:
-            return None
-        place = ctypes.c_char_p(bare.encode())
-        clauses = []
-        while place.value:  # espeak moves it behind each clause, and to NULL behind the last
-            said = library.espeak_TextToPhonemes(ctypes.byref(place), _UTF8, _IPA | _SEPARATED)
-            clauses.append((said or b"").decode())
-    symbols = [s for s in re.split(r"[_\s]+", _LANGUAGE.sub(" ", " ".join(clauses))) if s]
+    symbols = [s for s in re.split(r"[_\s]+", _LANGUAGE.sub(" ", said)) if s]
     try:
         found = tuple(p for s in symbols for p in to_phonemes(s, "ipa"))
     except PhonemeError:
@@ -114,26 +94,3 @@ def guess_pronunciation(word: str) -> Pronunciation | None:
 
 def _is_readable(c: str) -> bool:
     return not c.isalpha() or unicodedata.name(c, "").startswith("LATIN")
-
-
-@cache
-def _espeak() -> ctypes.CDLL | None:
-    """The library, ready to be asked; None where the extra is not installed or cannot start."""
-    try:
-        import espeakng_loader
-
-        library = ctypes.CDLL(espeakng_loader.get_library_path())
-        data = str(espeakng_loader.get_data_path()).encode()
-    except (ImportError, OSError):
-        return None
-    library.espeak_Initialize.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_int]
-    library.espeak_SetVoiceByName.argtypes = [ctypes.c_char_p]
-    library.espeak_TextToPhonemes.argtypes = [
-        ctypes.POINTER(ctypes.c_char_p),
-        ctypes.c_int,
-        ctypes.c_int,
-    ]
-    library.espeak_TextToPhonemes.restype = ctypes.c_char_p
-    with _lock:
-        rate = library.espeak_Initialize(_SYNCHRONOUS, 0, data, _DONT_EXIT)
-    return library if rate > 0 else None

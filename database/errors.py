@@ -11,6 +11,7 @@
     ├── ModelError        the face models are missing or altered
     ├── FaceError         no face where one is needed
     ├── AlignmentError    words that do not fit the sound
+    ├── SpeechError       text that cannot be spoken, or a synthesizer that fails
     ├── CorpusError       a corpus folder or clip that cannot be used
     ├── DatabaseError     a database that cannot be opened, read or written
     ├── SelectionError    a target or weights that cannot be searched with
@@ -54,6 +55,10 @@ class FaceError(UnitselError):
 
 class AlignmentError(UnitselError):
     """Words that do not fit the sound."""
+
+
+class SpeechError(UnitselError):
+    """Text that cannot be spoken, or a speech synthesizer that fails."""
 
 
 class CorpusError(UnitselError):

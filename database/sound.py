@@ -80,6 +80,25 @@ def read_sound(source: Source, rate: int | None = SPEECH_RATE) -> Sound:
     return Sound(samples, wanted)
 
 
+def resampled(sound: Sound, rate: int) -> Sound:
+    """The same sound at another rate.
+
+    Parameters
+    ----------
+    sound : Sound
+    rate : int
+        Samples a second.
+    """
+    if sound.rate == rate:
+        return sound
+    resampler = AudioResampler(format="fltp", layout="mono", rate=rate)
+    given = np.ascontiguousarray(sound.samples, dtype=np.float32)[None]
+    frame = AudioFrame.from_ndarray(given, format="fltp", layout="mono")
+    frame.sample_rate = sound.rate
+    pieces = [f.to_ndarray()[0] for part in (frame, None) for f in resampler.resample(part)]
+    return Sound(np.concatenate(pieces).astype(np.float32), rate)
+
+
 def probe_sound_duration(path: str | Path) -> float:
     """Length of a file's sound in seconds, from time zero; it is decoded to be sure.
 

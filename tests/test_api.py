@@ -68,7 +68,20 @@ def test_a_track_made_by_hand_and_sound_in_memory(
 
 def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     names = [c.__name__.rpartition(".")[2] for c in COMMANDS]
-    assert names == ["build", "merge", "synth", "align", "inspect", "doctor", "evaluate", "train"]
+    assert names == [
+        *(
+            "build",
+            "merge",
+            "say",
+            "dub",
+            "synth",
+            "align",
+            "inspect",
+            "doctor",
+            "evaluate",
+            "train",
+        ),
+    ]
     for name in names:
         with pytest.raises(SystemExit) as left:
             main([name, "--help"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import pytest
@@ -31,6 +32,7 @@ def test_without_footage_it_says_how_to_point_it_at_some(
 
 def test_with_footage_it_writes_a_video_and_a_contact_sheet(
     puppet_corpus: Path,
+    puppet: ModuleType,
     face_models: FaceModels,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -55,9 +57,15 @@ def test_with_footage_it_writes_a_video_and_a_contact_sheet(
     sheet = cv2.imread("out/demo.png")
     assert sheet is not None and sheet.shape[1] == 8 * 200 and sheet.shape[0] % 400 == 0
     assert "out/demo.mp4" in out and left_out in out and "r =" in out
-    assert sorted(p.name for p in Path("out").iterdir()) == [
-        *("demo.TextGrid", "demo.h5", "demo.h5.shards", "demo.mp4", "demo.png"),
-    ]
+    files = {"demo.TextGrid", "demo.h5", "demo.h5.shards", "demo.mp4", "demo.png"}
+    if puppet.can_speak():
+        files |= {"demo-say.mp4", "demo-say.png"}
+        said = probe("out/demo-say.mp4")
+        assert said.has_sound and said.duration > 2
+        sheet = cv2.imread("out/demo-say.png")
+        assert sheet is not None and sheet.shape == (2 * 200, 6 * 200, 3)
+        assert "This is a new sentence" in out
+    assert {p.name for p in Path("out").iterdir()} == files
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-import analysis.g2p
+import analysis.espeak
 from analysis.align import Aligner
 from analysis.g2p import guess_pronunciation, speaking_lexicon, with_guesses
 from database.errors import PronunciationError
@@ -26,9 +26,9 @@ def espeak():
 def no_espeak(monkeypatch):
     """Hide the extra, as on a machine that lacks it."""
     monkeypatch.setitem(sys.modules, "espeakng_loader", None)
-    analysis.g2p._espeak.cache_clear()
+    analysis.espeak.library.cache_clear()
     yield
-    analysis.g2p._espeak.cache_clear()
+    analysis.espeak.library.cache_clear()
 
 
 @pytest.mark.usefixtures("espeak")
@@ -106,7 +106,7 @@ def test_threads_do_not_disturb_each_other():
 def test_another_voice_in_the_same_process_changes_nothing(puppet):
     before = guess_pronunciation(UNKNOWN)
     puppet.speak("set red now")
-    analysis.g2p._espeak().espeak_SetVoiceByName(b"de")
+    analysis.espeak.library().espeak_SetVoiceByName(b"de")
     assert guess_pronunciation(UNKNOWN) == before
 
 

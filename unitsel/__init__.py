@@ -54,6 +54,7 @@ from database.errors import (  # noqa: E402
     PronunciationError,
     RenderError,
     SelectionError,
+    SpeechError,
     TimingError,
     TrackError,
     UnitselError,
@@ -86,6 +87,7 @@ from unitsel.settings import (  # noqa: E402
     TargetSettings,
     default_settings,
 )
+from unitsel.speech.spoken import Speech, speak  # noqa: E402
 from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
 from unitsel.synthesizer import Synthesizer, Written  # noqa: E402
 from unitsel.training.pareto import ParetoSettings  # noqa: E402
@@ -134,6 +136,8 @@ __all__ = [
     "SelectionError",
     "SelectionSettings",
     "Sound",
+    "Speech",
+    "SpeechError",
     "Synthesizer",
     "TargetSettings",
     "TextureSettings",
@@ -160,6 +164,7 @@ __all__ = [
     "planes_to_rgb",
     "read_sound",
     "read_timing",
+    "speak",
     "spread_words",
     "timing_extensions",
     "track_of_timing",

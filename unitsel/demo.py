@@ -2,7 +2,7 @@
 
 A clip of a corpus is left out, a database is built from others, and the left-out sentence is
 spoken with its own sound and phones, in pictures of the other clips, over another clip's
-background.
+background. Where espeak is installed, the person then says a typed sentence with espeak's voice.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from analysis.build import build_database
 from analysis.corpus import Clip, find_clips
+from analysis.espeak import library
 from analysis.face import FaceFinder
 from analysis.models import find_models
 from database.errors import CorpusError, UnitselError
@@ -28,12 +29,15 @@ from unitsel.cli.output import Output
 from unitsel.likeness.evaluation import Evaluator, Target
 from unitsel.likeness.measures import joins
 from unitsel.plots import strip
+from unitsel.speech.spoken import speak
 from unitsel.synthesizer import Synthesizer
 
 CORPUS_ENV: Final = "UNITSEL_CORPUS"
 CLIPS_ENV: Final = "UNITSEL_DEMO_CLIPS"
 DEFAULT_CORPUS: Final = Path("..") / "shared" / "corpus" / "grid-s1" / "build"
 DEFAULT_CLIPS: Final = 60
+
+TYPED: Final = "Hello! This is a new sentence. I never said a word of it."
 
 NO_CORPUS: Final = f"""\
 The demo needs footage of one person speaking, and found none.
@@ -129,6 +133,28 @@ def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
         f"texture r = {scores.r_pca_speech:.2f}."
     )
     print("  out/demo.png shows its frames (upper rows) beside the real ones (lower rows).")
+    if library() is not None:
+        _say(out, output)
+
+
+def _say(out: Path, output: Output) -> None:
+    """A typed sentence in espeak's voice: out/demo-say.mp4, and twelve frames of it."""
+    speech = speak(TYPED, wav=out / "demo-say.wav")
+    with open_database(out / "demo.h5") as database:
+        synthesizer = Synthesizer(database)
+        written = synthesizer.write(
+            synthesizer.select(speech.track),
+            out / "demo-say.mp4",
+            audio=out / "demo-say.wav",
+            progress=output.progress,
+        )
+    output.close()
+    (out / "demo-say.wav").unlink()
+    wanted = np.linspace(*speech.track.speech_span(), 12) * written.fps
+    faces = [f.rgb for f in read_video(written.path) if f.index in wanted.astype(int)]
+    _write_sheet(strip(_faces(faces), 6), out / "demo-say.png")
+    print(f"Wrote {written.path}: the person says {TYPED!r} in espeak's voice.")
+    print("  out/demo-say.png shows twelve frames across it.")
 
 
 def _sentence(clips: list[Clip]) -> Clip:
@@ -153,7 +179,10 @@ def _contact_sheet(made: Path, real: Path, target: Target, path: Path) -> None:
         for i in range(0, min(len(f) for f in faces), 8)
         for part in (_padded(faces[0][i : i + 8]), _padded(faces[1][i : i + 8]))
     ]
-    sheet = np.concatenate(pairs)
+    _write_sheet(np.concatenate(pairs), path)
+
+
+def _write_sheet(sheet: npt.NDArray[np.uint8], path: Path) -> None:
     if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
         raise CorpusError(f"{path}: cannot be written")
 

@@ -1,0 +1,1 @@
+"""Text into speech whose phonemes are known: espeak-ng, other programs, recordings."""
