@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -29,6 +30,14 @@ from database.pictures import encode
 from database.piece import Source
 from database.sound import Sound, read_sound
 from database.sound_features import BANDS, sound_features
+
+MOST_KEPT: Final = 96_000_000
+"""Bytes of pictures that are kept between the two passes over a video."""
+
+
+MOST_LOST: Final = 0.2
+"""Share of a clip's frames that are left out where the gradients lose the face; if it is more, the
+gradients are at fault, and the feature points lead."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +116,39 @@ class AnalysedClip:
     start: float = 0.0
 
 
+class KeptFrames:
+    """A video that is gone through twice: numbers and pictures of its frames.
+
+    A short one is kept in memory meanwhile; a long one is read again, so that memory is bounded.
+
+    Parameters
+    ----------
+    media : path or Piece
+    fps : float, optional
+        Rate to read the video at; its own by default.
+    """
+
+    def __init__(self, media: Source, fps: float | None = None) -> None:
+        self._media, self._fps = media, fps
+        self._kept: list[tuple[int, npt.NDArray[np.uint8]]] | None = None
+
+    def __iter__(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[tuple[int, npt.NDArray[np.uint8]]] = []
+        size = 0
+        for frame in read_video(self._media, self._fps):
+            size += frame.rgb.nbytes
+            if size <= MOST_KEPT:
+                kept.append((frame.index, frame.rgb))
+            else:
+                kept.clear()
+            yield frame.index, frame.rgb
+        if size <= MOST_KEPT:
+            self._kept = kept
+
+
 def track_face(
     media: Source,
     mask: Mask,
@@ -114,6 +156,7 @@ def track_face(
     finder: FaceFinder,
     *,
     fps: float | None = None,
+    frames: KeptFrames | None = None,
     settings: MotionSettings | None = None,
     known: Mapping[int, npt.NDArray[np.float64]] | None = None,
     reference: Reference | None = None,
@@ -130,6 +173,8 @@ def track_face(
     finder : FaceFinder
     fps : float, optional
         Rate to read the video at; its own by default.
+    frames : KeptFrames, optional
+        The same video, if it is read once more elsewhere.
     settings : MotionSettings, optional
     known : mapping of int to (3, 4) float64, optional
         Frame numbers whose pose is known (`analysis.hand_points.pose_by_hand`): these, not the
@@ -148,27 +193,41 @@ def track_face(
     own_camera = camera.scaled_to(info.width, info.height)
     finder.reset()
     follower = HeadFollower(mask, own_camera, settings, known, reference)
-    frames = 0
-    for frame in read_video(media, fps):
-        frames = frame.index + 1
-        mesh = finder.find(frame.rgb)
+    count = 0
+    for number, picture in frames or KeptFrames(media, fps):
+        count = number + 1
+        mesh = finder.find(picture)
         if mesh is not None:
-            follower.add(frame.index, frame.rgb, mesh.points[:, :2])
+            follower.add(number, picture, mesh.points[:, :2])
     motion = follower.finish()
     if not len(motion.numbers):
-        raise FaceError(f"{media}: shows no face that can be followed, in {frames} frames")
+        raise FaceError(f"{media}: shows no face that can be followed, in {count} frames")
+    kept = np.ones(len(motion.lost), bool)
+    if 0 < motion.lost.mean() <= MOST_LOST:
+        # What the mesh takes for a face there does not look like this one: a hand, a broken frame.
+        kept = ~motion.lost
     return TrackedFace(
-        frames, motion.numbers, motion.landmarks, motion.poses, own_camera, motion.lost
+        count,
+        motion.numbers[kept],
+        motion.landmarks[kept],
+        Poses(motion.poses.rotations[kept], motion.poses.translations[kept]),
+        own_camera,
+        motion.lost[kept],
     )
 
 
 def cut_crops(
-    media: Source, face: TrackedFace, mask: Mask, *, fps: float | None = None
+    media: Source,
+    face: TrackedFace,
+    mask: Mask,
+    *,
+    fps: float | None = None,
+    frames: KeptFrames | None = None,
 ) -> Iterator[npt.NDArray[np.uint8]]:
     """Cut the mouths out of a video that has been tracked, head motion taken out.
 
-    The video is read a second time: poses are smoothed over time, so crops can only be cut once
-    all landmarks are known, and the pictures of a long video do not fit in memory.
+    A second pass: poses are anchored to the whole clip, so crops can only be cut once all are
+    known.
 
     Yields
     ------
@@ -182,10 +241,10 @@ def cut_crops(
     """
     place = {int(number): k for k, number in enumerate(face.numbers)}
     cut = 0
-    for frame in read_video(media, fps):
-        k = place.get(frame.index)
+    for number, picture in frames or KeptFrames(media, fps):
+        k = place.get(number)
         if k is not None:
-            yield cut_crop(frame.rgb, mask.patch, face.poses.matrix(k), face.camera)
+            yield cut_crop(picture, mask.patch, face.poses.matrix(k), face.camera)
             cut += 1
     if cut != len(place):
         raise MediaError(f"{media}: gave other frames when it was read again")
@@ -230,12 +289,22 @@ def analyse_clip(
     info = probe(source)
     sound = read_sound(source) if info.has_sound else None
     alignment = align_clip(clip, sound, info.duration, aligner)
-    face = track_face(source, mask, camera, finder, fps=fps, settings=settings, reference=reference)
+    frames = KeptFrames(source, fps)
+    face = track_face(
+        source,
+        mask,
+        camera,
+        finder,
+        fps=fps,
+        frames=frames,
+        settings=settings,
+        reference=reference,
+    )
     lips = lip_geometry(face.landmarks, face.poses, mask, face.camera, face.numbers)
     seen: list[tuple[float, float]] = []
     reduced: list[npt.NDArray[np.uint8]] = []
     pictures: list[bytes] = []
-    for i, crop in enumerate(cut_crops(source, face, mask, fps=fps)):
+    for i, crop in enumerate(cut_crops(source, face, mask, fps=fps, frames=frames)):
         seen.append(teeth_and_tongue(crop, lips.contours[i], float(lips.opening[i]), mask.patch))
         reduced.append(reduce_crop(crop))
         if codec is not None:
