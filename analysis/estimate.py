@@ -30,7 +30,7 @@ TRIAL_FRAMES: Final = 12
 FRAME_SECONDS: Final = 0.03
 """Seconds a frame where no trial is possible."""
 
-WHOLE_TO_TRIAL: Final = 2.0
+WHOLE_TO_TRIAL: Final = 1.2
 """Time of a frame's whole analysis to that of the trial: alignment, gradients, second reading."""
 
 FIT_SECONDS: Final = 2.0

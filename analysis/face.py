@@ -210,8 +210,7 @@ class FaceFinder:
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        blob = (cut.astype(np.float32) / 255).transpose(2, 0, 1)[None]
-        self._mesh.setInput(blob)
+        self._mesh.setInput(cv2.dnn.blobFromImage(cut, 1 / 255))
         values, flag = self._mesh.forward(["conv2d_20", "conv2d_30"])
         if values.size < flag.size:
             values, flag = flag, values

@@ -245,8 +245,10 @@ def main() -> int:
             databases,
             draw_instants(options.kills, options.seed),
             jobs=options.jobs,
-            # So that a small build, too, has fits to be killed in.
-            guide=GuideSettings(fewest_clips=min(20, options.clips)),
+            # So that a small build, too, has fits to be killed in, though short ones.
+            guide=GuideSettings(
+                fewest_clips=min(20, options.clips), members=1, epochs=2, steps=200
+            ),
         )
     print("| killed at | clips kept | /dev/shm after kill, after resume | content |")
     print("| --- | --- | --- | --- |")
