@@ -116,7 +116,7 @@ def assemble(
         jobs=jobs,
         tell=tell,
     )
-    width, heights, opening = _mouths(found, joined)
+    width, heights, opening = _mouths(found if lips.source == "aam" else None, joined)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32)
     frames = [shard["frame"] for shard in opened]
     in_step = _in_step(shards, opened, frames, np.split(heights, first[1:]), pca, fps, lag, offset)

@@ -45,7 +45,7 @@ SENTENCES = {
 MANY = "bcdefg"
 """More are not looked at for the mask."""
 
-QUICK = BuildSettings(lips=LipSettings(source="mesh"))
+QUICK = BuildSettings(lips=LipSettings(source="mesh-only"))
 """A lip model takes longer than all the rest of so small a build; one test has it."""
 
 Build = Callable[..., BuildReport]

@@ -290,7 +290,7 @@ def test_builds_keep_their_lip_model(puppet_db):
         assert said["fallen_back"] == int((database.lips.found == 0).sum())
         assert said["marked"] == 0 and FEWEST <= said["trained_on"] <= 40
         outer = database.lips.points[:, :12]
-        assert np.corrcoef(np.ptp(outer[..., 1], axis=1), database.units.mouth_height)[0, 1] > 0.99
+        assert np.corrcoef(np.ptp(outer[..., 1], axis=1), database.units.mouth_height)[0, 1] > 0.95
 
 
 def build_again(puppet_corpus, puppet_db, output, lips):
@@ -326,11 +326,16 @@ def test_marks_rule_where_the_lips_are(puppet_corpus, puppet_db, tmp_path):
     assert abs(np.median(lower[..., 0])) < 0.02 * np.median(width)
 
 
-def test_the_face_mesh_may_be_asked_for(puppet_corpus, puppet_db, tmp_path):
-    output = tmp_path / "mesh.h5"
-    build_again(puppet_corpus, puppet_db, output, LipSettings(source="mesh"))
-    with open_database(output) as mesh, open_database(puppet_db) as ours:
-        assert mesh.lips is None and "lips" not in mesh.report
-        heights = mesh.units.mouth_height, ours.units.mouth_height
+def test_the_model_may_rule_or_be_left_out(puppet_corpus, puppet_db, tmp_path):
+    build_again(puppet_corpus, puppet_db, tmp_path / "aam.h5", LipSettings(source="aam"))
+    with open_database(tmp_path / "aam.h5") as aam, open_database(puppet_db) as ours:
+        outer = aam.lips.points[:, :12]
+        heights = aam.units.mouth_height, ours.units.mouth_height
+        assert np.corrcoef(np.ptp(outer[..., 1], axis=1), heights[0])[0, 1] > 0.99
         assert np.corrcoef(*heights)[0, 1] > 0.95 and not np.array_equal(*heights)
-        np.testing.assert_array_equal(mesh.units.pca, ours.units.pca)
+        np.testing.assert_array_equal(aam.lips.points, ours.lips.points)
+        np.testing.assert_array_equal(aam.units.pca, ours.units.pca)
+    build_again(puppet_corpus, puppet_db, tmp_path / "mesh.h5", LipSettings(source="mesh-only"))
+    with open_database(tmp_path / "mesh.h5") as mesh, open_database(puppet_db) as ours:
+        assert mesh.lips is None and "lips" not in mesh.report
+        np.testing.assert_array_equal(mesh.units.mouth_height, ours.units.mouth_height)

@@ -21,7 +21,7 @@ from database.timing import Timing, write_timing
 from unitsel.cli import main
 
 FOLDERS = {"monday": ("a", "b"), "friday": ("b", "c")}
-SETTINGS = BuildSettings(lips=LipSettings(source="mesh"))
+SETTINGS = BuildSettings(lips=LipSettings(source="mesh-only"))
 
 
 @pytest.fixture(scope="module")

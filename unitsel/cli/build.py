@@ -134,8 +134,8 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         "--lips",
         choices=SOURCES,
         default=LipSettings.source,
-        help="measure lips by a lip model (aam) or on the face mesh's smoothed contours "
-        f"(default: {LipSettings.source})",
+        help="measure mouths on the face mesh's smoothed contours, or by the lip model (aam); "
+        f"mesh-only makes no lip model (default: {LipSettings.source})",
     )
     parser.add_argument(
         "--lip-points",

@@ -67,7 +67,8 @@ def analysed_target(
     UnitselError
         Of the kind that says what is wrong with the clip.
     """
-    model = database.lip_model
+    ruled = database.settings.get("lips", {}).get("source") == "aam"
+    model = database.lip_model if ruled else None
     analysed = analyse_clip(
         clip,
         database.mask,
