@@ -267,7 +267,7 @@ def test_bad_marks_are_refused_in_one_line(tmp_path, text, said):
 
 
 def test_settings_of_lips_are_checked_before_the_work(tmp_path):
-    with pytest.raises(CorpusError, match="aam or mesh, not on 'eyes'"):
+    with pytest.raises(CorpusError, match="measured by one of mesh, aam, mesh-only"):
         read_lip_marks(LipSettings(source="eyes"), ["one"])
     assert read_lip_marks(LipSettings(), ["one"]) is None
     file = tmp_path / "lips.csv"
