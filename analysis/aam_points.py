@@ -24,7 +24,6 @@ from database.mask import INNER_LIPS, OUTER_LIPS, Camera, Mask, Poses
 F64 = npt.NDArray[np.float64]
 
 N_OUTER: Final = 12
-N_INNER: Final = 8
 
 OUTER_POINTS: Final = (61, 39, 37, 0, 267, 269, 291, 321, 405, 17, 181, 91)
 """Mesh points of the outer 12: where people mark lips, the bow's two peaks among them."""

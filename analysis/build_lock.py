@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from database.errors import DatabaseError
+from database.outfile import is_running
 
 SHARED_MEMORY: Final = Path("/dev/shm")
 
@@ -50,7 +51,7 @@ def only_build(lock: Path, what: Path, *, lasting: bool = False) -> Iterator[Non
         raise DatabaseError(f"{lock}: cannot be locked ({error.strerror})") from error
     try:
         before = _read(lock).get("pid")
-        if isinstance(before, int) and not _is_running(before):
+        if isinstance(before, int) and not is_running(before):
             _clear_shared_memory(before)
         now = datetime.now(UTC).isoformat(timespec="seconds")
         document = {"pid": os.getpid(), "host": platform.node(), "started": now}
@@ -117,13 +118,3 @@ def _clear_shared_memory(pid: int) -> None:
     for place in places:
         for folder in place.glob(f"joblib_memmapping_folder_{pid}_*"):
             shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        pass
-    return True

@@ -143,11 +143,12 @@ def _remove_leftovers(path: Path) -> None:
             if not (other.name.startswith(mark) and other.name.endswith(".partial")):
                 continue
             pid = other.name[len(mark) :].partition("-")[0]
-            if pid.isdecimal() and not _is_running(int(pid)):
+            if pid.isdecimal() and not is_running(int(pid)):
                 other.unlink(missing_ok=True)
 
 
-def _is_running(pid: int) -> bool:
+def is_running(pid: int) -> bool:
+    """Whether a process of this machine is alive, whoever it belongs to."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

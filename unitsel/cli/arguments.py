@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,17 @@ def positive_number(text: str) -> float:
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above zero")
     return value
+
+
+def add_jobs(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add ``--jobs``: of `what` so many at a time."""
+    parser.add_argument(
+        "--jobs",
+        type=positive_int,
+        default=max(1, os.cpu_count() or 1),
+        metavar="N",
+        help=f"{what} (default: the number of cores)",
+    )
 
 
 def add_models(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
@@ -16,7 +15,7 @@ from analysis.hand_points import read_hand_points
 from analysis.sound_offset import OffsetSettings, read_offset
 from database.errors import DatabaseError, UnitselError
 from database.pictures import AUTO_CODEC, CODECS, find_codec
-from unitsel.cli.arguments import Commands, add_models, positive_int, positive_number
+from unitsel.cli.arguments import Commands, add_jobs, add_models, positive_int, positive_number
 from unitsel.cli.output import Output
 
 
@@ -33,13 +32,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("corpus", metavar="CORPUS", help="folder, manifest.csv or video")
     parser.add_argument("-o", "--output", metavar="DB.h5", required=True)
-    parser.add_argument(
-        "--jobs",
-        type=positive_int,
-        default=max(1, os.cpu_count() or 1),
-        metavar="N",
-        help="clips analysed at a time (default: the number of cores)",
-    )
+    add_jobs(parser, "clips analysed at a time")
     parser.add_argument(
         "--limit",
         type=positive_int,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import os
 
-from unitsel.cli.arguments import Commands, add_models, check_output, positive_int
+from unitsel.cli.arguments import Commands, add_jobs, add_models, check_output, positive_int
 from unitsel.cli.output import Output
 from unitsel.doctor.page import TONES, write_doctor_page
 from unitsel.doctor.quality import SENTENCES
@@ -47,13 +46,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         metavar="N",
         help="recommend at most N sentences (default: %(default)s)",
     )
-    parser.add_argument(
-        "--jobs",
-        type=positive_int,
-        default=max(1, os.cpu_count() or 1),
-        metavar="N",
-        help="processes (default: the number of cores)",
-    )
+    add_jobs(parser, "processes")
     add_models(parser)
     return parser
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 
 from analysis.build_settings import ShardSettings
 from analysis.merge import merge_databases
-from unitsel.cli.arguments import Commands, add_models, positive_int
+from unitsel.cli.arguments import Commands, add_jobs, add_models
 from unitsel.cli.build import report_text
 from unitsel.cli.output import Output
 
@@ -25,13 +24,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         "databases", metavar="DB.h5", nargs="+", help="the first one's mask is taken"
     )
     parser.add_argument("-o", "--output", metavar="OUT.h5", required=True)
-    parser.add_argument(
-        "--jobs",
-        type=positive_int,
-        default=max(1, os.cpu_count() or 1),
-        metavar="N",
-        help="clips analysed at a time (default: the number of cores)",
-    )
+    add_jobs(parser, "clips analysed at a time")
     parser.add_argument(
         "--discard-shards",
         action="store_true",

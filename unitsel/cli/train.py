@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import replace
 from pathlib import Path
 
 from database.reader import open_database
 from database.writer import store_selection
-from unitsel.cli.arguments import Commands, add_models, check_output, positive_int
+from unitsel.cli.arguments import Commands, add_jobs, add_models, check_output, positive_int
 from unitsel.cli.output import Output
 from unitsel.plots import plots_folder
 from unitsel.settings import TARGETS, default_settings
@@ -38,13 +37,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument(
         "--resume", action="store_true", help="go on where the same training was stopped"
     )
-    parser.add_argument(
-        "--jobs",
-        type=positive_int,
-        default=max(1, os.cpu_count() or 1),
-        metavar="N",
-        help="sets tried at a time (default: the number of cores)",
-    )
+    add_jobs(parser, "sets tried at a time")
     parser.add_argument(
         "--sentences",
         type=positive_int,

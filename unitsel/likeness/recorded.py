@@ -60,7 +60,7 @@ class Target:
 def analysed_target(
     database: UnitDatabase, clip: Clip, finder: FaceFinder, aligner: Aligner
 ) -> Target:
-    """Analyse a clip, in the database's mask, components and lighting, and by its lip model.
+    """Analyse a clip in the database's mask, components and lighting, and by a lip model that rules.
 
     Raises
     ------
