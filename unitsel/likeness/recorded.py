@@ -60,7 +60,9 @@ class Target:
 def analysed_target(
     database: UnitDatabase, clip: Clip, finder: FaceFinder, aligner: Aligner
 ) -> Target:
-    """Analyse a clip in the database's mask, components and lighting, and by a lip model that rules.
+    """Analyse a clip in the database's mask, components and lighting.
+
+    By its lip model, too, where mouths were chosen to be measured by that.
 
     Raises
     ------
