@@ -89,10 +89,11 @@ from unitsel.settings import (  # noqa: E402
 )
 from unitsel.speech.spoken import Speech, speak  # noqa: E402
 from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
-from unitsel.synthesizer import Synthesizer, Written  # noqa: E402
+from unitsel.synthesizer import Synthesizer  # noqa: E402
 from unitsel.training.pareto import ParetoSettings  # noqa: E402
 from unitsel.training.result import Training, TrainingSettings  # noqa: E402
 from unitsel.training.train import train  # noqa: E402
+from unitsel.writing import Written  # noqa: E402
 
 __version__ = "0.1.0"
 

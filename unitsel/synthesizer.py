@@ -3,61 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
-from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from analysis.clip import sha256_of, track_face
-from analysis.face import FaceFinder
-from analysis.models import find_models
-from analysis.reference import from_stored
-from database.errors import MediaError, RenderError
-from database.mask import Poses, cut_crop
-from database.media import probe, snap_rate
+from database.media import snap_rate
 from database.planes import Planes
 from database.reader import UnitDatabase
 from database.sound import Sound
-from database.track import PhonemeTrack, frame_count
-from database.video_writer import VideoWriter
-from render.background import Background, playback_indices, stream_frames
-from render.blend import BlendShape, blend_alpha, ring_weights
-from render.compose import apply_gain, composite, fit_gain
-from render.scene import Scene
+from database.track import PhonemeTrack
+from render.background import Background
+from render.blend import BlendShape
+from unitsel.backgrounds import find_background
 from unitsel.costs import Weights
 from unitsel.select import Selection, select_units
 from unitsel.settings import SelectionSettings, default_settings
 from unitsel.source import SelectionInput
+from unitsel.unit_pictures import UnitPictures
+from unitsel.writing import Written, write_video
 
 Progress = Callable[[str, int, int], None]
-
-GAIN_MEMORY: Final = 0.7
-"""How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
-
-
-@dataclass(frozen=True)
-class Written:
-    """A video that was written.
-
-    Parameters
-    ----------
-    path : Path
-    background : Path
-    frames : int
-    fps : float
-    seconds : float
-        Length of the video.
-    """
-
-    path: Path
-    background: Path
-    frames: int
-    fps: float
-    seconds: float
 
 
 class Synthesizer:
@@ -89,15 +54,7 @@ class Synthesizer:
         self.settings = settings or default_settings(database)
         self._source = SelectionInput.of(database, self.settings.costs)
         self._models = models
-        self._blend = blend
-
-    @cached_property
-    def _alpha(self) -> npt.NDArray[np.float32]:
-        return blend_alpha(self.database.mask, self._blend)
-
-    @cached_property
-    def _ring(self) -> npt.NDArray[np.float32]:
-        return ring_weights(self._alpha)
+        self._pictures = UnitPictures(database, blend)
 
     def select(
         self,
@@ -158,59 +115,7 @@ class Synthesizer:
         MediaError, FaceError
             If the video cannot be read, or shows no face.
         """
-        sequences = self.database.sequences
-        if video is None:
-            return self._own_background(self._steadiest())
-        path = Path(video)
-        probe(path)
-        checksum = sha256_of(path)
-        if checksum in sequences.sha256:
-            # Of the pieces of one long video the longest: less turning back and forth.
-            own = [i for i, known in enumerate(sequences.sha256) if known == checksum]
-            return self._own_background(max(own, key=lambda i: int(sequences.units[i])), path)
-        if progress is not None:
-            progress("tracking the background", 0, 1)
-        db = self.database
-        finder = FaceFinder(find_models(self._models))
-        reference = from_stored(db.rigid)
-        face = track_face(path, db.mask, db.camera, finder, reference=reference)
-        if progress is not None:
-            progress("tracking the background", 1, 1)
-        return Background.from_tracked(path, probe(path).fps, face.numbers, face.poses)
-
-    def _steadiest(self) -> int:
-        """The sequence whose head moves least, of those whose footage is still what it was."""
-        units, sequences = self.database.units, self.database.sequences
-        longest = int(sequences.units.max())
-        unrest = []
-        for first, count in zip(sequences.first_unit, sequences.units, strict=True):
-            mine = slice(first, first + count)
-            # Turning counts by what it moves at the mouth, about 100 mm from the neck.
-            motion = (
-                units.translation[mine].std(axis=0)[:2].sum()
-                + 100 * units.rotation[mine].std(axis=0).sum()
-            )
-            unrest.append(float(motion) * longest / max(1, int(count)))
-        for s in np.argsort(unrest, kind="stable"):
-            media = Path(sequences.media[s])
-            if media.is_file() and sha256_of(media) == sequences.sha256[s]:
-                return int(s)
-        raise RenderError(
-            f"{self.database.path}: no clip that it was built from is still where and what it was "
-            f"(the first: {sequences.media[0]}); name a video of the person (--background VIDEO)"
-        )
-
-    def _own_background(self, sequence: int, path: Path | None = None) -> Background:
-        db = self.database
-        first = int(db.sequences.first_unit[sequence])
-        units = np.arange(first, first + int(db.sequences.units[sequence]))
-        return Background.from_tracked(
-            path or db.sequences.media[sequence],
-            db.fps,
-            db.units.frame[units],
-            Poses(db.units.rotation[units], db.units.translation[units]),
-            float(db.starts[sequence]),
-        )
+        return find_background(self.database, video, models=self._models, progress=progress)
 
     def render(
         self,
@@ -242,31 +147,8 @@ class Synthesizer:
         RenderError
             If OpenGL cannot be started or the background cannot be read as it was tracked.
         """
-        db = self.database
-        back = background or self.background()
-        info = probe(back.path)
-        camera = db.camera.scaled_to(info.width, info.height)
-        rate = float(snap_rate(back.fps if fps is None else fps))
-        n = frame_count(selection.duration, rate)
-        units = selection.at_rate(rate, n)
-        places = playback_indices(len(back), n, back.fps, rate)
-        patch = db.mask.patch
-        gain: npt.NDArray[np.float64] | None = None
-        with Scene(info.width, info.height, patch, camera, self._alpha) as scene:
-            for i, frame in enumerate(stream_frames(back, places)):
-                pose = back.poses.matrix(int(places[i]))
-                unit = int(units[i])
-                crop = db.picture(unit)
-                fitted = fit_gain(cut_crop(frame.rgb, patch, pose, camera), crop, self._ring)
-                same_clip = i > 0 and db.units.sequence[unit] == db.units.sequence[units[i - 1]]
-                if gain is None or not same_clip:
-                    gain = fitted
-                else:
-                    gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * fitted
-                layer = scene.draw(apply_gain(crop, gain), pose)
-                yield composite(frame.planes, layer, info.colour)
-                if progress is not None:
-                    progress("rendering", i + 1, n)
+        chosen = background or self.background()
+        return self._pictures.draw(selection, chosen, fps=fps, progress=progress)
 
     def write(
         self,
@@ -309,25 +191,8 @@ class Synthesizer:
         """
         if not isinstance(background, Background):
             background = self.background(background, progress=progress)
-        _refuse_own_input(Path(path), background.path, audio)
-        info = probe(background.path)
         rate = snap_rate(background.fps if fps is None else fps)
-        with VideoWriter(
-            path, info.width, info.height, rate, audio, colour=info.colour, crf=crf
-        ) as video:
-            for planes in self.render(
-                selection, background=background, fps=rate, progress=progress
-            ):
-                video.write_planes(planes)
-        return Written(
-            Path(path), background.path, video.frames, float(rate), video.frames / float(rate)
+        pictures = self.render(selection, background=background, fps=rate, progress=progress)
+        return write_video(
+            pictures, path, background=background.path, rate=rate, audio=audio, crf=crf
         )
-
-
-def _refuse_own_input(output: Path, background: Path, audio: str | Path | Sound | None) -> None:
-    """A video that replaced what it was made from could not be made again."""
-    for source in (background, None if isinstance(audio, Sound) else audio):
-        if source is None or not (output.exists() and Path(source).exists()):
-            continue
-        if output.samefile(source):
-            raise MediaError(f"{output}: is an input of this video too; name another output")
