@@ -41,6 +41,9 @@ STAGES = (
 )
 """Stages in which builds are killed, in turn."""
 
+EARLY = ("finding the person", "analysing clips")
+"""Those in which clips are not kept yet."""
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -92,6 +95,7 @@ def kill_builds(
     jobs: int = 2,
     guide: GuideSettings | None = None,
     lips: str = LipSettings.source,
+    kept: bool = False,
 ) -> tuple[str, list[Outcome]]:
     """Build once without a kill, then once for each instant.
 
@@ -105,6 +109,8 @@ def kill_builds(
     guide : GuideSettings, optional
     lips : str
         One of `analysis.corpus_lips.SOURCES`.
+    kept : bool
+        Whether builds that are killed after the clips' analysis find it done, which is quicker.
 
     Returns
     -------
@@ -121,6 +127,8 @@ def kill_builds(
         place = folder / f"kill{i}"
         place.mkdir()
         database = place / "killed.h5"
+        if kept and instant.stage not in EARLY:
+            shutil.copytree(folder / "whole.h5.shards", place / "killed.h5.shards")
         pid, killed = _run_and_kill(corpus, database, instant, jobs, settings)
         left = len(_in_shared_memory(pid))
         second, report = _run(corpus, database, jobs, settings)

@@ -150,9 +150,10 @@ def test_videos_show_the_recording_beside_what_was_made_of_it(
     ):
         below = both.planes.y[STRIP:].astype(float)
         left, right = below[:, :width], below[:, width:]
-        assert np.abs(left - real.planes.y).mean() < 2
+        coded = np.abs(left - real.planes.y).mean()
+        assert coded < 4
         # All but the middle of the face is the recording's own.
-        assert np.abs(right[:80] - real.planes.y[:80]).mean() < 2
+        assert np.abs(right[:80] - real.planes.y[:80]).mean() < 1.5 * coded
         differing = max(differing, float(np.abs(left - right).max()))
     assert differing > 30
     there, made = (read_sound(p).samples for p in (unseen / "new.mp4", videos / "new.mp4"))
