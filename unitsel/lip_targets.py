@@ -15,6 +15,7 @@ does.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final, Protocol
 
@@ -22,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import SelectionError
-from database.phonemes import CLOSURES, SILENCE
+from database.phonemes import CLOSURES, PHONEME_INDEX, SILENCE
 from database.schema import PhoneMarks, Phones, Units
 from database.track import PhonemeTrack, frame_count, frame_times
 
@@ -38,11 +39,21 @@ AROUND: Final = 0.12
 ENOUGH: Final = 20
 """Units that a person's rest is estimated from, at least."""
 
-USUAL: Final = 80.0
+USUAL: Final = 95.0
 """Percentile of the units at rest whose difference from the median costs nothing."""
 
 WIDE: Final = 95.0
 """Percentile of the openings and heights in speech that counts as wide open."""
+
+RAMPS: Final = 0.6
+"""Part of a silence that coming to rest and opening again may take, at most."""
+
+CLOSED_PART: Final = {PHONEME_INDEX["p"]: 0.75, PHONEME_INDEX["b"]: 0.75, PHONEME_INDEX["m"]: 1.0}
+"""Part of each phone, from its start, in which lips are together: p and b end in a burst."""
+
+BESIDE: Final = 0.5
+"""Weight of the frame beside a closure that has only one frame of its own: to the eye a flicker
+of one frame is no closure."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +80,9 @@ class LipSettings:
     """
 
     rest: float = 2.0
-    closure: float = 2.0
+    closure: float = 4.0
     after: float = 0.1
-    before: float = 0.2
+    before: float = 0.4
     closed: float = 0.12
 
     def __post_init__(self) -> None:
@@ -166,19 +177,18 @@ def resting(source: LipSource) -> BoolArray:
     times = (units.frame + 0.5) / source.fps
     silent = phones.phoneme[marks.phone] == SILENCE
     long = phones.end[marks.phone] - phones.start[marks.phone] >= LONG_SILENCE - 1e-9
-    for kind in ((marks.sound > 0) & (marks.lips > 0), np.ones(len(marks), dtype=np.bool_)):
+    for sure in ((marks.sound > 0) & (marks.lips > 0), np.ones(len(marks), dtype=np.bool_)):
         found = np.zeros(len(units), dtype=np.bool_)
-        for m in np.flatnonzero(silent & long & kind):
-            first, last = np.searchsorted(
-                units.sequence, [phones.sequence[marks.phone[m]], phones.sequence[marks.phone[m]] + 1]
-            )
-            own = slice(int(first), int(last))
-            found[own] |= (times[own] >= marks.start[m]) & (times[own] < marks.end[m])
+        for m in np.flatnonzero(silent & long & sure):
+            s = int(phones.sequence[marks.phone[m]])
+            first, last = (int(i) for i in np.searchsorted(units.sequence, [s, s + 1]))
+            inside = (times[first:last] >= marks.start[m]) & (times[first:last] < marks.end[m])
+            found[first:last] |= inside
         if found.sum() >= ENOUGH:
             return found
     quiet = units.phoneme == SILENCE
-    for s in np.unique(units.sequence[quiet]):
-        own = np.flatnonzero(units.sequence == s)
+    for sequence in np.unique(units.sequence[quiet]):
+        own = np.flatnonzero(units.sequence == sequence)
         spoken = times[own][~quiet[own]]
         if len(spoken):
             after = np.searchsorted(spoken, times[own])
@@ -188,24 +198,12 @@ def resting(source: LipSource) -> BoolArray:
     return np.asarray(quiet, dtype=np.bool_)
 
 
-def silences(track: PhonemeTrack) -> list[tuple[float, float]]:
-    """Start and end of each silence of `LONG_SILENCE` or more, phones of silence in a row joined."""
-    silent = track.phonemes == SILENCE
-    firsts = np.concatenate([[0], np.flatnonzero(np.diff(silent)) + 1])
-    bounds = track.boundaries[np.concatenate([firsts, [len(silent)]])]
-    return [
-        (float(a), float(b))
-        for i, a, b in zip(firsts, bounds[:-1], bounds[1:], strict=True)
-        if silent[i] and b - a >= LONG_SILENCE - 1e-9
-    ]
-
-
 def rest_weights(track: PhonemeTrack, fps: float, settings: LipSettings) -> FloatArray:
     """How much each frame asks for lips at rest, (T,), 0..1."""
     n = frame_count(track.end, fps)
     times = frame_times(n, fps)
     weights = np.zeros(n)
-    for start, end in silences(track):
+    for start, end in track.silences(LONG_SILENCE):
         # In a short silence the lips have less time for all of it, but come to rest once.
         ramps = np.array([settings.after, settings.before])
         ramps *= min(1.0, RAMPS * (end - start) / max(ramps.sum(), 1e-9))
@@ -219,3 +217,100 @@ def rest_weights(track: PhonemeTrack, fps: float, settings: LipSettings) -> Floa
         down = until / ramps[1] if ramps[1] > 0 else np.ones_like(until)
         weights[inside] = np.clip(np.minimum(up, down), 0.0, 1.0)
     return weights
+
+
+def closure_frames(track: PhonemeTrack, fps: float) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Which frames show the closure of a p, b or m.
+
+    Parameters
+    ----------
+    track : PhonemeTrack
+    fps : float
+        Frames a second.
+
+    Returns
+    -------
+    phone : (T,) int64
+        Number of the p, b or m that is closed in a frame, -1 in others. Each has one frame at
+        least, however short it is, unless another closure takes that frame.
+    weights : (T,) float64
+        How much each frame asks for closed lips, 0..1: 1 where `phone` is set, and `BESIDE` in the
+        frame beside a closure of one frame.
+    """
+    n = frame_count(track.end, fps)
+    times = frame_times(n, fps)
+    phone = np.full(n, -1, dtype=np.int64)
+    weights = np.zeros(n)
+    for i in np.flatnonzero(np.isin(track.phonemes, list(CLOSURES))):
+        start, end = track.boundaries[i : i + 2]
+        end = start + CLOSED_PART[int(track.phonemes[i])] * (end - start)
+        # Middles of frames may fall on a boundary: rounding must not decide.
+        shown = np.flatnonzero((times >= start - 1e-9) & (times < end - 1e-9))
+        middle = (start + end) / 2
+        if len(shown) == 0:
+            shown = np.array([min(n - 1, int(middle * fps))])
+        phone[shown[phone[shown] < 0]] = i
+        weights[shown] = 1.0
+        if len(shown) == 1:
+            beside = int(shown[0]) + (1 if middle > times[shown[0]] else -1)
+            if 0 <= beside < n:
+                weights[beside] = max(weights[beside], BESIDE)
+    return phone, weights
+
+
+def wanted_phonemes(
+    track: PhonemeTrack, fps: float, settings: LipSettings
+) -> npt.NDArray[np.uint8]:
+    """Phoneme that each frame asks for, (T,): as the track is sampled, but no closure is left out.
+
+    A p, b or m that is so short that no frame's middle falls into it takes the frame in which it
+    is; what is said there else is heard, but nobody misses it on the lips.
+    """
+    phonemes = track.sample(fps)
+    if settings.closure > 0:
+        phone, _ = closure_frames(track, fps)
+        taken = (phone >= 0) & ~np.isin(phonemes, list(CLOSURES))
+        phonemes[taken] = track.phonemes[phone[taken]]
+    return phonemes
+
+
+def lip_costs(
+    lips: Lips,
+    track: PhonemeTrack,
+    fps: float,
+    candidates: Sequence[npt.NDArray[np.integer]],
+    settings: LipSettings,
+) -> tuple[FloatArray | None, ...] | None:
+    """What rest and closure add to the target costs of a sentence's candidates.
+
+    Parameters
+    ----------
+    lips : Lips
+        Of all units.
+    track : PhonemeTrack
+    fps : float
+        Frames a second.
+    candidates : T arrays of int
+        Units to look at; frames may share an array.
+    settings : LipSettings
+
+    Returns
+    -------
+    T of (m,) float64 or None, or None
+        None where a frame asks for nothing, and None in all where nothing costs anything.
+    """
+    if not settings.used:
+        return None
+    rest = settings.rest * rest_weights(track, fps, settings)
+    closure = settings.closure * closure_frames(track, fps)[1]
+    apart = np.maximum(lips.opening - settings.closed, 0.0)
+    out: list[FloatArray | None] = []
+    for units, still, together in zip(candidates, rest, closure, strict=True):
+        cost: FloatArray | None = None
+        if still > 0:
+            cost = still * lips.unrest[units]
+        if together > 0:
+            closing = together * apart[units]
+            cost = closing if cost is None else cost + closing
+        out.append(cost)
+    return tuple(out)
