@@ -81,6 +81,7 @@ from unitsel.explain import write_explanation  # noqa: E402
 from unitsel.inspection import Inspection, inspect_database  # noqa: E402
 from unitsel.likeness.evaluation import Evaluation, evaluate  # noqa: E402
 from unitsel.likeness.folds import evaluate_folds  # noqa: E402
+from unitsel.lip_targets import LipSettings  # noqa: E402
 from unitsel.select import Fallback, Selection  # noqa: E402
 from unitsel.settings import (  # noqa: E402
     SelectionSettings,
@@ -124,6 +125,7 @@ __all__ = [
     "Interval",
     "LagSettings",
     "Lexicon",
+    "LipSettings",
     "MediaError",
     "ModelError",
     "MotionSettings",

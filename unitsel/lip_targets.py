@@ -39,7 +39,7 @@ AROUND: Final = 0.12
 ENOUGH: Final = 20
 """Units that a person's rest is estimated from, at least."""
 
-USUAL: Final = 95.0
+USUAL: Final = 80.0
 """Percentile of the units at rest whose difference from the median costs nothing."""
 
 WIDE: Final = 95.0
