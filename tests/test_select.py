@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -90,10 +91,8 @@ def phones_of(tracks, fps):
     rows = []
     for s, track in enumerate(tracks):
         edges = np.flatnonzero(np.diff(track)) + 1
-        bounds = np.concatenate([[0], edges, [len(track)]])
-        rows += [
-            (s, track[a], a / fps, b / fps) for a, b in zip(bounds[:-1], bounds[1:], strict=True)
-        ]
+        bounds = itertools.pairwise([0, *edges, len(track)])
+        rows += [(s, track[a], a / fps, b / fps) for a, b in bounds]
     sequence, phoneme, start, end = zip(*rows, strict=True)
     return Phones(
         np.array(sequence, np.int32),
