@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
+    from unitsel.lip_targets import LipSettings
     from unitsel.select import Fallback, Selection
     from unitsel.settings import (
         SelectionSettings,
@@ -127,6 +128,7 @@ __all__ = [
     "Interval",
     "LagSettings",
     "Lexicon",
+    "LipSettings",
     "MediaError",
     "ModelError",
     "MotionSettings",
@@ -209,6 +211,7 @@ _HOMES: Final = {
     "unitsel.inspection": "Inspection inspect_database",
     "unitsel.likeness.evaluation": "Evaluation evaluate",
     "unitsel.likeness.folds": "evaluate_folds",
+    "unitsel.lip_targets": "LipSettings",
     "unitsel.select": "Fallback Selection",
     "unitsel.settings": "SelectionSettings TargetSettings default_settings",
     "unitsel.speech.spoken": "Speech speak",
