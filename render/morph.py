@@ -38,7 +38,7 @@ def flow_between(first: Planes, second: Planes) -> FloatArray:
     step = max(1.0, width / FLOW_WIDTH)
     size = (max(16, round(width / step)), max(16, round(height / step)))
     small = [cv2.resize(p.y, size, interpolation=cv2.INTER_AREA) for p in (first, second)]
-    finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    finder = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
     finder.setFinestScale(1)
     flow = np.asarray(finder.calc(small[0], small[1], None), dtype=np.float32)  # type: ignore[call-overload]
     whole = cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR)

@@ -197,7 +197,7 @@ class Playback:
 
 def _ways_of(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
-) -> tuple[Likeness, Ways, bool]:
+) -> tuple[tuple[Likeness, ...], Ways, bool]:
     """Changes between frames, and whether they are enough for a walk."""
     likeness = compare_frames(material, frames, patch, camera)
     ways = find_ways(material, likeness)

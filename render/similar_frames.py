@@ -24,8 +24,11 @@ from render.background_frames import BackgroundFrames
 
 FloatArray = npt.NDArray[np.float32]
 
-BLEND_SECONDS: Final = 0.32
-"""Length of a blend."""
+BLEND_SECONDS: Final = (0.32, 0.96)
+"""Lengths of blends: the longer for frames that are less alike, as between two clips."""
+
+SLOWNESS_COST: Final = 0.4
+"""Cost of the longer blend for being longer: what cannot be met half-way is seen double."""
 
 SHORTEST_BLEND: Final = 3
 """Frames."""
@@ -55,7 +58,7 @@ HEAD_BOX: Final = np.array(
 
 @dataclass(frozen=True)
 class Likeness:
-    """What it costs to go on elsewhere.
+    """What it costs to go on elsewhere, by a blend of one length.
 
     Parameters
     ----------
@@ -78,7 +81,7 @@ def blend_weights(blend: int) -> npt.NDArray[np.float64]:
 
 def compare_frames(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
-) -> Likeness:
+) -> tuple[Likeness, ...]:
     """Compare all frames of a background with one another.
 
     Parameters
@@ -97,23 +100,30 @@ def compare_frames(
         If the pictures cannot be read.
     """
     n = len(material)
-    blend = max(SHORTEST_BLEND, round(BLEND_SECONDS * material.fps))
     follows = material.ends[:-1] > np.arange(1, n)
     head = np.stack([project(HEAD_BOX, material.poses.matrix(i), camera) for i in range(n)])
     moves = _motion(head, material)
     head_step = _natural(_steps(head), follows, FLOOR_PIXELS * camera.width)
     small, weight = _reduced(material, frames, patch, camera)
-    picture = _picture_distances(small, weight)
-    picture_step = _natural(np.diagonal(picture, 1).astype(np.float64), follows, FLOOR_LEVELS)
+    apart = np.zeros((n, n), dtype=np.float32)
+    for distance in _picture_distances(small, weight):
+        steps = np.diagonal(distance, 1).astype(np.float64)
+        apart = np.maximum(apart, distance / _natural(steps, follows, FLOOR_LEVELS))
     flat = head.reshape(n, -1).astype(np.float32)
     pose = _root_mean_square(flat, len(HEAD_BOX))
     flat = moves.reshape(n, -1).astype(np.float32)
     motion = _root_mean_square(flat, len(HEAD_BOX))
-    # The greatest change a frame that the blend itself makes: its steepest weight.
-    steepest = float(np.diff(blend_weights(blend), prepend=0.0, append=1.0).max())
-    change = np.maximum(pose / head_step, picture / picture_step) * steepest
-    change += 0.5 * motion / head_step
-    return Likeness(blend, _over_blend(change, blend, material.ends))
+    apart = np.maximum(apart, pose / head_step)
+    found = []
+    for k, seconds in enumerate(BLEND_SECONDS):
+        blend = max(SHORTEST_BLEND * (k + 1), round(seconds * material.fps))
+        # The greatest change a frame that the blend itself makes: its steepest weight.
+        steepest = float(np.diff(blend_weights(blend), prepend=0.0, append=1.0).max())
+        shared = 0.5 * BLEND_SECONDS[0] / seconds
+        change = apart * steepest + shared * motion / head_step
+        cost = _over_blend(change, blend, material.ends)
+        found.append(Likeness(blend, cost + np.float32(SLOWNESS_COST * k)))
+    return tuple(found)
 
 
 def _steps(head: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -161,20 +171,33 @@ def _reduced(
     return small, weight
 
 
-def _picture_distances(small: FloatArray, weight: FloatArray) -> FloatArray:
-    """Difference of each two pictures, levels: fourth root of the blocks' mean fourth power."""
+def _picture_distances(small: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Difference of each two pictures, levels.
+
+    Returns
+    -------
+    whole : (n, n) float32
+        Root mean square over the picture.
+    blocks : (n, n) float32
+        Fourth root of the blocks' mean fourth power: what changes in one place counts.
+    """
     n, height, width = small.shape
-    total = np.zeros((n, n), dtype=np.float32)
-    blocks = 0
+    squares, fourths = np.zeros((2, n, n), dtype=np.float32)
+    blocks, pixels = 0, 0.0
     for y in range(0, height, BLOCK):
         for x in range(0, width, BLOCK):
             at = np.s_[y : y + BLOCK, x : x + BLOCK]
-            if weight[at].mean() < 0.25:
+            size = float(weight[at].sum())
+            if size < 0.25 * weight[at].size:
                 continue
             values = (small[:, at[0], at[1]] * weight[at]).reshape(n, -1)
-            total += _root_mean_square(values - values.mean(axis=0), float(weight[at].sum())) ** 4
-            blocks += 1
-    return np.asarray((total / max(1, blocks)) ** 0.25, dtype=np.float32)
+            square = _root_mean_square(values - values.mean(axis=0), size) ** 2
+            squares += size * square
+            fourths += square**2
+            blocks, pixels = blocks + 1, pixels + size
+    whole = np.sqrt(squares / np.float32(max(1.0, pixels)))
+    by_blocks = (fourths / np.float32(max(1, blocks))) ** np.float32(0.25)
+    return whole, np.asarray(by_blocks, dtype=np.float32)
 
 
 def _root_mean_square(values: FloatArray, count: float) -> FloatArray:
