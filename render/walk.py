@@ -27,7 +27,7 @@ FloatArray = npt.NDArray[np.float64]
 LIMIT: Final = 1.5
 """Greatest cost of a change (`Likeness.cost`) that is used."""
 
-JOIN_LIMIT: Final = 3.0
+JOIN_LIMIT: Final = 2.0
 """The same between two backgrounds, which were joined in any case."""
 
 SHORTEST_STAY: Final = 0.8
