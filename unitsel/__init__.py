@@ -74,6 +74,8 @@ from database.timing.words import WordTrack  # noqa: E402
 from database.track import Interval, PhonemeTrack  # noqa: E402
 from render.background import Background  # noqa: E402
 from render.blend import BlendShape  # noqa: E402
+from unitsel.background_keeping import add_backgrounds, remove_backgrounds  # noqa: E402
+from unitsel.background_ranking import RankedBackground, rank_backgrounds  # noqa: E402
 from unitsel.costs import Weights  # noqa: E402
 from unitsel.doctor.page import write_doctor_page  # noqa: E402
 from unitsel.doctor.report import DoctorReport, doctor_report  # noqa: E402
@@ -132,6 +134,7 @@ __all__ = [
     "PhonemeTrack",
     "Planes",
     "PronunciationError",
+    "RankedBackground",
     "RenderError",
     "Selection",
     "SelectionError",
@@ -153,6 +156,7 @@ __all__ = [
     "WordTrack",
     "Written",
     "__version__",
+    "add_backgrounds",
     "align_media",
     "build_database",
     "default_settings",
@@ -163,8 +167,10 @@ __all__ = [
     "merge_databases",
     "open_database",
     "planes_to_rgb",
+    "rank_backgrounds",
     "read_sound",
     "read_timing",
+    "remove_backgrounds",
     "speak",
     "spread_words",
     "timing_extensions",
