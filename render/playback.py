@@ -6,6 +6,8 @@ few frames (`render.morph`).
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,10 +25,13 @@ from render.background import Background, Material
 from render.background_frames import MEMORY_LIMIT, BackgroundFrames
 from render.morph import between_poses, flow_between, morph
 from render.similar_frames import Likeness, compare_frames
-from render.walk import Step, Ways, enough, find_ways, forth_and_back, walk
+from render.walk import Step, Ways, find_ways, forth_and_back, walk
 
 LONGEST: Final = 2000
 """Frames of background that a walk goes over; of longer ones the first are taken."""
+
+KEPT: Final = 2
+"""Backgrounds whose comparison is kept."""
 
 
 @dataclass(frozen=True)
@@ -133,15 +138,13 @@ class Playback:
         self._step = Step(0, 0)
 
     def _walk(self, patch: MouthPatch, seed: int) -> Iterator[Step]:
-        likeness, ways, free = _ways_of(self._material, self._frames, patch, self.camera)
-        notes = []
-        if not free:
-            notes.append(
+        known = _ways_of(self._material, self._frames, patch, self.camera)
+        if not known.ways.enough:
+            self.notes = (
                 f"{self._material.parts[-1].path}: too short or too restless to go on unseen; it "
-                "is played forth and back"
+                "is played forth and back",
             )
-        self.notes = (*self.notes, *notes)
-        return walk(self._material, likeness, ways, seed, free=free)
+        return walk(self._material, known.likeness, known.ways, seed)
 
     def _step_of(self, number: int) -> int:
         """Step of the walk that an output frame shows, nearest in time."""
@@ -195,10 +198,31 @@ class Playback:
         self._frames.close()
 
 
+@dataclass(frozen=True)
+class _Known:
+    """What is known of a background's frames: how alike they are, and the ways between them."""
+
+    likeness: tuple[Likeness, ...]
+    ways: Ways
+
+
+_known: OrderedDict[bytes, _Known] = OrderedDict()
+"""Of the backgrounds played last: comparing their frames again would delay a first frame."""
+
+
 def _ways_of(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
-) -> tuple[tuple[Likeness, ...], Ways, bool]:
-    """Changes between frames, and whether they are enough for a walk."""
-    likeness = compare_frames(material, frames, patch, camera)
-    ways = find_ways(material, likeness)
-    return likeness, ways, enough(material, ways)
+) -> _Known:
+    digest = hashlib.sha256(repr(camera).encode() + patch.grid.tobytes())
+    for part in material.parts:
+        changed = part.path.stat().st_mtime_ns
+        digest.update(repr((part.path, changed, part.fps, part.first, part.start)).encode())
+        digest.update(part.poses.rotations.tobytes() + part.poses.translations.tobytes())
+    key = digest.digest()
+    if key not in _known:
+        likeness = compare_frames(material, frames, patch, camera)
+        _known[key] = _Known(likeness, find_ways(material, likeness))
+        while len(_known) > KEPT:
+            _known.popitem(last=False)
+    _known.move_to_end(key)
+    return _known[key]

@@ -24,11 +24,11 @@ from render.background import longest_run
 
 FloatArray = npt.NDArray[np.float32]
 
-CLOSELY: Final = 20
+CLOSELY: Final = 12
 """Clips whose chin and light are looked at: the best by mouth, motion and length. All of them
 would take a second for each quarter of an hour of footage."""
 
-LIGHT_SAMPLES: Final = 6
+LIGHT_SAMPLES: Final = 5
 """Pictures of a clip in which its light is measured."""
 
 RESTING_MM: Final = 1.0
@@ -109,7 +109,10 @@ class RankedBackground:
 
 
 def rank_backgrounds(database: UnitDatabase) -> list[RankedBackground]:
-    """All backgrounds of a database, the best first: those that were added, then its clips.
+    """All backgrounds of a database, the best first.
+
+    Videos that were added come before the clips, and photos last: a head that never moves is
+    shown to who asks for it.
 
     Raises
     ------
@@ -122,7 +125,8 @@ def rank_backgrounds(database: UnitDatabase) -> list[RankedBackground]:
     clips = _ranked(clips, typical)
     near = [_looked_at(database, clip) for clip in clips[:CLOSELY]]
     added = _ranked(_added(database, rest), typical)
-    return [*added, *_ranked(near, typical), *clips[CLOSELY:]]
+    moving, still = ([one for one in added if one.still == photo] for photo in (False, True))
+    return [*moving, *_ranked(near, typical), *clips[CLOSELY:], *still]
 
 
 def resting_opening(database: UnitDatabase) -> float:

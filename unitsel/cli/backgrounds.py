@@ -19,8 +19,8 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         "backgrounds",
         help="list, add and remove the videos that the mouth is laid on",
         description="List what the mouth can be laid on, the best first: a mouth at rest, steady "
-        "light, a head that moves as is typical. Backgrounds that are added come before the clips "
-        "that the database was built from; the first that is there is the default.",
+        "light, a head that moves as is typical. Videos that are added come before the clips that "
+        "the database was built from, photos last; the first that is there is the default.",
     )
     parser.add_argument("database", metavar="DB.h5")
     parser.add_argument(
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace, output: Output) -> None:
         ranked = rank_backgrounds(database)
         notes = [shape_note(database, Path(video)) for video in options.add]
     told = [note for note in notes if note is not None]
-    shown = ranked[: max(options.limit, sum(one.added for one in ranked))]
+    shown = [one for k, one in enumerate(ranked) if one.added or k < options.limit]
     document = {
         "database": str(options.database),
         "added": list(names),
