@@ -27,9 +27,6 @@ SECTORS: Final = 48
 LEVELS: Final = 4
 """Parts of the fade, from outside to inside, in which gradients are averaged."""
 
-SOLID: Final = 0.999
-"""Alpha from which on a pixel is the mouth's alone."""
-
 STILL_MM: Final = 9.0
 """Millimetres from the resting lips from which on skin is taken to be still."""
 
@@ -77,7 +74,9 @@ def seam_gradient(luma: npt.NDArray[np.generic], alpha: FloatArray) -> float:
         raise RenderError("the blend weights fade nowhere, so there is no seam to look at")
     along = (down * alpha_down + across * alpha_across) / np.maximum(steepness, 1e-6)
     y, x = np.nonzero(band)
-    middle = np.argwhere(alpha >= 0.5).mean(axis=0) if (alpha >= 0.5).any() else (y.mean(), x.mean())
+    middle = (
+        np.argwhere(alpha >= 0.5).mean(axis=0) if (alpha >= 0.5).any() else (y.mean(), x.mean())
+    )
     turn = (np.arctan2(y - middle[0], x - middle[1]) / (2 * np.pi)) % 1.0
     level = np.minimum((soft[y, x] * LEVELS).astype(int), LEVELS - 1)
     arc = np.minimum((turn * SECTORS).astype(int), SECTORS - 1) * LEVELS + level
@@ -94,7 +93,7 @@ def sharpness(luma: npt.NDArray[np.generic], region: BoolArray) -> float:
     ----------
     luma : (h, w) float or uint8
     region : (h, w) bool
-        Where to look, such as where alpha is at least `SOLID`.
+        Where to look, such as where alpha is at least `render.blend.SOLID`.
 
     Returns
     -------
@@ -166,7 +165,9 @@ def flicker(lumas: npt.NDArray[np.generic], region: BoolArray, pixels_per_mm: fl
     if not region.any():
         raise RenderError("the region whose flicker is asked for is empty")
     side = max(1, round(PATCH_MM * pixels_per_mm))
-    soft = np.stack([cv2.blur(np.asarray(l, np.float32), (side, side))[region] for l in lumas])
+    soft = np.stack(
+        [cv2.blur(np.asarray(luma, np.float32), (side, side))[region] for luma in lumas]
+    )
     bend = soft[:-2] / 2 - soft[1:-1] + soft[2:] / 2
     return float(np.sqrt(np.mean(bend.astype(np.float64) ** 2)))
 
@@ -179,9 +180,7 @@ def crop_luma(
     return np.asarray(cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
-def changed_outside(
-    made: Planes, background: Planes, alpha: FloatArray, x0: int, y0: int
-) -> int:
+def changed_outside(made: Planes, background: Planes, alpha: FloatArray, x0: int, y0: int) -> int:
     """Count samples outside the blend region that are not the background's.
 
     Parameters
@@ -199,9 +198,9 @@ def changed_outside(
         Luma and chroma samples together; a chroma sample is outside where all its four pixels
         are. 0 is right.
     """
-    whole = np.zeros(background.y.shape, dtype=bool)
+    whole = np.zeros((background.height, background.width), dtype=bool)
     whole[y0 : y0 + alpha.shape[0], x0 : x0 + alpha.shape[1]] = alpha > 0
-    blocks = whole.reshape(whole.shape[0] // 2, 2, whole.shape[1] // 2, 2).any(axis=(1, 3))
+    blocks = whole.reshape(background.height // 2, 2, background.width // 2, 2).any(axis=(1, 3))
     changed = ((made.y != background.y) & ~whole).sum()
     for new, old in ((made.u, background.u), (made.v, background.v)):
         changed += ((new != old) & ~blocks).sum()

@@ -16,14 +16,16 @@ from database.planes import Planes
 from database.reader import UnitDatabase
 from database.track import frame_count
 from render.background import Background, playback_indices, stream_frames
-from render.blend import BlendShape, blend_alpha, ring_weights
-from render.compose import apply_gain, composite, fit_gain
+from render.blend import BlendShape, blend_alpha
+from render.colour_transfer import ColourTransfer
+from render.compose import composite
 from render.scene import Scene
+from render.sharpening import sharpen, sharpening_amount
 from unitsel.select import Selection
 
 Progress = Callable[[str, int, int], None]
 
-GAIN_MEMORY: Final = 0.7
+GAIN_MEMORY: Final = 0.3
 """How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
 
 
@@ -46,8 +48,8 @@ class UnitPictures:
         return blend_alpha(self._database.mask, self._blend)
 
     @cached_property
-    def _ring(self) -> npt.NDArray[np.float32]:
-        return ring_weights(self._alpha)
+    def _transfer(self) -> ColourTransfer:
+        return ColourTransfer(self._alpha)
 
     def draw(
         self,
@@ -66,19 +68,23 @@ class UnitPictures:
         units = selection.at_rate(rate, n)
         places = playback_indices(len(background), n, background.fps, rate)
         patch = db.mask.patch
-        gain: npt.NDArray[np.float64] | None = None
+        gain: npt.NDArray[np.float32] | None = None
+        amount: float | None = None
         with Scene(info.width, info.height, patch, camera, self._alpha) as scene:
             for i, frame in enumerate(stream_frames(background, places)):
                 pose = background.poses.matrix(int(places[i]))
                 unit = int(units[i])
                 crop = db.picture(unit)
-                fitted = fit_gain(cut_crop(frame.rgb, patch, pose, camera), crop, self._ring)
+                if amount is None:
+                    amount = sharpening_amount(scene, frame.rgb, pose, info.colour)
+                fitted = self._transfer.field(cut_crop(frame.rgb, patch, pose, camera), crop)
                 same_clip = i > 0 and db.units.sequence[unit] == db.units.sequence[units[i - 1]]
                 if gain is None or not same_clip:
                     gain = fitted
                 else:
                     gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * fitted
-                layer = scene.draw(apply_gain(crop, gain), pose)
+                crop = self._transfer.apply(sharpen(crop, amount), gain)
+                layer = scene.draw(crop, pose)
                 yield composite(frame.planes, layer, info.colour)
                 if progress is not None:
                     progress("rendering", i + 1, n)
