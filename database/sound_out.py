@@ -100,7 +100,7 @@ class CopiedSound:
             stream = sound_stream(source)
             if stream is None:
                 raise MediaError(f"{path}: holds no sound")
-            return stream.codec_context.name in container.copied
+            return stream.codec_context.codec.canonical_name in container.copied
 
     def write(self, until: Fraction, *, final: bool) -> None:
         """Mux what begins before a time, seconds of the video."""

@@ -122,7 +122,7 @@ CONTAINERS: Final[dict[str, Container]] = {
         ("prores4444",),
         "aac",
         frozenset({"aac", "mp3", "ac3", "alac", "pcm_s16le", "pcm_s24le"}),
-        _FAST_START,
+        {"movflags": "+faststart+use_metadata_tags"},  # QuickTime has no description otherwise.
     ),
     ".webm": Container(
         "webm", ("vp9", "av1"), ("vp9",), "libopus", frozenset({"opus", "vorbis"})
