@@ -1,0 +1,73 @@
+"""Where in the output an utterance lies: its time, and which frames are its own.
+
+Frame i shows the time from ``i / fps`` on. An utterance has the frames that begin nearest to where it
+begins and up to where it ends, so that no rounding adds up from one to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Generic, Protocol, TypeVar
+
+
+class Lasting(Protocol):
+    """What has a length in time: a selection."""
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+
+
+S = TypeVar("S", bound=Lasting)
+
+
+@dataclass(frozen=True)
+class Placed(Generic[S]):
+    """What was selected for an utterance, with its place in the output.
+
+    Parameters
+    ----------
+    selection : object with a duration
+    index : int
+        Number of the utterance, from 0.
+    start : float
+        Seconds of the output at which it begins.
+    first, stop : int
+        Its frames: the first, and the one behind the last.
+    """
+
+    selection: S
+    index: int
+    start: float
+    first: int
+    stop: int
+
+    @property
+    def end(self) -> float:
+        """Seconds of the output at which it ends."""
+        return self.start + self.selection.duration
+
+
+def placed(selections: Iterable[S], rate: Fraction) -> Iterator[Placed[S]]:
+    """Place utterances one after another.
+
+    Parameters
+    ----------
+    selections : iterable
+        Read when the next is asked for.
+    rate : Fraction
+        Frames a second of the output.
+
+    Yields
+    ------
+    Placed
+        The first has one frame at least; later ones may be too short for any.
+    """
+    start, first = 0.0, 0
+    for index, selection in enumerate(selections):
+        stop = round((start + selection.duration) * float(rate))
+        stop = max(stop, first, 1)
+        yield Placed(selection, index, start, first, stop)
+        start, first = start + selection.duration, stop
