@@ -7,7 +7,7 @@ end with the video, to the packet. Samples end with it exactly, and are lengthen
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
@@ -51,12 +51,15 @@ class SoundQueue:
 
     def __init__(self, rate: int) -> None:
         self.rate = rate
+        self.total = 0
+        """Samples that have come."""
         self._pieces: deque[FloatArray] = deque()
 
     def put(self, samples: FloatArray) -> None:
         """Add (n,) float32 samples behind those that came before."""
         if len(samples):
             self._pieces.append(np.asarray(samples, dtype=np.float32))
+            self.total += len(samples)
 
     def __iter__(self) -> Iterator[FloatArray]:
         """What has come and was not taken yet, (1, n) each."""
@@ -80,7 +83,7 @@ class CopiedSound:
     def __init__(self, path: Path, container: OutputContainer) -> None:
         self._container = container
         self._packets = _packets(path)
-        self._next: tuple[float, Packet] | None = None
+        self._next: tuple[float, Packet[AudioStream]] | None = None
         with open_media(path) as source:
             given = sound_stream(source)
             if given is None:
@@ -195,9 +198,7 @@ class EncodedSound:
         return np.ascontiguousarray(joined[:, :n])
 
 
-def _samples(
-    sound: SoundInput, encoder: str
-) -> tuple[int, str, Iterator[FloatArray] | SoundQueue]:
+def _samples(sound: SoundInput, encoder: str) -> tuple[int, str, Iterator[FloatArray] | SoundQueue]:
     """Rate, channel layout and pieces of a sound, as an encoder takes them."""
     rates = OPUS_RATES if encoder == "libopus" else AAC_RATES
     if isinstance(sound, SoundQueue):
@@ -221,7 +222,7 @@ def fitting_rate(rate: int, encoder: str) -> int:
     return next((known for known in rates if known >= rate), rates[-1])
 
 
-def _packets(path: Path) -> Iterator[tuple[float, Packet]]:
+def _packets(path: Path) -> Generator[tuple[float, Packet[AudioStream]], None, None]:
     """Sound packets with their times counted from the first picture, or the first sample."""
     first = next(frames_from(path, video_stream, None), None)
     if first is None or first.time is None:

@@ -124,9 +124,7 @@ CONTAINERS: Final[dict[str, Container]] = {
         frozenset({"aac", "mp3", "ac3", "alac", "pcm_s16le", "pcm_s24le"}),
         {"movflags": "+faststart+use_metadata_tags"},  # QuickTime has no description otherwise.
     ),
-    ".webm": Container(
-        "webm", ("vp9", "av1"), ("vp9",), "libopus", frozenset({"opus", "vorbis"})
-    ),
+    ".webm": Container("webm", ("vp9", "av1"), ("vp9",), "libopus", frozenset({"opus", "vorbis"})),
     ".mkv": Container(
         "matroska",
         ("h264", "vp9", "av1", "ffv1"),

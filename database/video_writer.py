@@ -37,9 +37,7 @@ SUFFIXES: Final = tuple(CONTAINERS)
 _MATRIX_NUMBERS: Final = {"bt709": 1, "bt601": 6}
 _RANGE_NUMBERS: Final = {False: 1, True: 2}
 _SPACES: Final = {"bt709": Colorspace.ITU709, "bt601": Colorspace.ITU601}
-_EXACT: Final = (
-    Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
-)
+_EXACT: Final = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 
 
 class VideoWriter:
@@ -59,9 +57,9 @@ class VideoWriter:
     sound : path, Sound, SoundQueue or None
         Media file (its sound counts from its video's first frame), samples, or samples to come. A
         file's sound is taken over packet by packet where the container takes its codec, and
-        then ends with the video, or earlier if it is shorter. Other sound is encoded: rate and
-        channels are kept where the encoder has them, and it is cut, or lengthened by silence, to the
-        length of the video.
+        then ends with the video, or earlier if it is shorter. Other sound is encoded, rate and
+        channels kept where the encoder has them, and is cut, or lengthened by silence, to the
+        video's length.
     colour : Colour
         Meaning of the planes; the stream is marked with it.
     crf : int, optional

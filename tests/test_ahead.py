@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from unitsel.ahead import ahead
+from unitsel.ahead import Ahead
 
 
 def threads() -> int:
@@ -23,7 +23,7 @@ def test_items_come_in_order_and_only_so_many_ahead() -> None:
             made.append(i)
             yield i
 
-    items = ahead(source(), 3)
+    items = Ahead(source(), 3)
     assert made == []
     for i, item in enumerate(items):
         assert item == i
@@ -43,7 +43,7 @@ def test_an_error_is_raised_after_what_came_before_it() -> None:
 
     got = []
     with pytest.raises(KeyError, match="three"):
-        for item in ahead(source(), 5):
+        for item in Ahead(source(), 5):
             got.append(item)
     assert got == [1, 2]
 
@@ -58,7 +58,7 @@ def test_closing_ends_the_thread_and_closes_the_source_there() -> None:
         finally:
             closed.append(threading.current_thread().name)
 
-    items = ahead(source(), 2, "here")
+    items = Ahead(source(), 2, "here")
     assert next(items) == 1
     items.close()
     assert closed == ["unitsel-here"]
@@ -72,6 +72,27 @@ def test_making_and_using_go_side_by_side() -> None:
             yield i
 
     started = time.perf_counter()
-    for _ in ahead(slow(), 2):
+    for _ in Ahead(slow(), 2):
         time.sleep(0.03)
     assert time.perf_counter() - started < 0.85 * 16 * 0.03
+
+
+def test_closing_does_not_wait_for_a_source_that_waits() -> None:
+    """Whoever waits for an item in another thread is let go, too."""
+    never = threading.Event()
+
+    def source() -> Iterator[int]:
+        yield 1
+        never.wait()
+
+    items = Ahead(source(), 2, patience=0.05)
+    assert next(items) == 1
+    rest: list[list[int]] = []
+    taker = threading.Thread(target=lambda: rest.append(list(items)))
+    taker.start()
+    started = time.perf_counter()
+    items.close()
+    taker.join(2)
+    assert rest == [[]]
+    assert time.perf_counter() - started < 1
+    never.set()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import resource
 import signal
 from fractions import Fraction
@@ -243,7 +242,7 @@ def test_a_full_disk_is_one_error_and_leaves_no_file(tmp_path: Path, suffix: str
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_a_device_without_room_is_an_error(tmp_path: Path) -> None:
     writer = VideoWriter(tmp_path / "a.mp4", 64, 48, 25)
-    os.symlink("/dev/full", writer._partial)
+    writer._partial.symlink_to("/dev/full")
     with pytest.raises(MediaError, match="cannot be written"), writer as video:
         for i in range(200):
             video.write_planes(picture(i))

@@ -4,57 +4,21 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from typing import Any, Final, Generic, TypeVar
+from types import TracebackType
+from typing import Any, Final, Generic, Self, TypeVar
 
 T = TypeVar("T")
 
 _END: Final = object()
 
-PATIENCE: Final = 5.0
-"""Seconds to wait, on closing, for a thread that is in the middle of an item."""
 
+class Ahead(Generic[T]):
+    """An iterator that runs in a thread of its own, a few items ahead; a context manager.
 
-class _Belt(Generic[T]):
-    """Items between two threads, at most so many."""
-
-    def __init__(self, room: int) -> None:
-        self._room = room
-        self._items: deque[Any] = deque()
-        self._changed = threading.Condition()
-        self._closed = False
-
-    def put(self, item: T | object) -> bool:
-        """Add an item when there is room; False once nobody takes any more."""
-        with self._changed:
-            self._changed.wait_for(lambda: len(self._items) < self._room or self._closed)
-            if not self._closed:
-                self._items.append(item)
-                self._changed.notify_all()
-            return not self._closed
-
-    def take(self) -> Any:
-        """Take the next item when there is one."""
-        with self._changed:
-            self._changed.wait_for(lambda: bool(self._items))
-            item = self._items.popleft()
-            self._changed.notify_all()
-            return item
-
-    def close(self) -> None:
-        """Take no more."""
-        with self._changed:
-            self._closed = True
-            self._items.clear()
-            self._changed.notify_all()
-
-
-def ahead(items: Iterable[T], room: int, name: str = "ahead") -> Generator[T, None, None]:
-    """Iterate in a thread of its own, a few items ahead of whoever takes them.
-
-    Nothing is begun before the first item is asked for. Closing ends the thread, but for a source
-    that waits for something itself: that ends with the process.
+    Nothing is begun before the first item is asked for. What the iteration raises is raised to
+    whoever takes the items, after those that came before it.
 
     Parameters
     ----------
@@ -64,35 +28,81 @@ def ahead(items: Iterable[T], room: int, name: str = "ahead") -> Generator[T, No
         Items that may wait; one more is being made.
     name : str
         Of the thread.
-
-    Yields
-    ------
-    The same items in order. What the iteration raises is raised here, after them.
+    patience : float
+        Seconds that `close` waits for the thread, which may be in the middle of an item. One that
+        is not done by then ends after it, or with the process.
     """
-    belt: _Belt[Any] = _Belt(room)
-    failed: list[BaseException] = []
 
-    def work() -> None:
+    def __init__(
+        self, items: Iterable[T], room: int, name: str = "ahead", *, patience: float = 5.0
+    ) -> None:
+        self._source = items
+        self._room = room
+        self._patience = patience
+        self._waiting: deque[Any] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+        self._failed: BaseException | None = None
+        self._thread = threading.Thread(target=self._work, name=f"unitsel-{name}", daemon=True)
+
+    def __iter__(self) -> Iterator[T]:
+        return self
+
+    def __next__(self) -> T:
+        with self._changed:
+            if not self._closed and self._thread.ident is None:
+                self._thread.start()
+            self._changed.wait_for(lambda: self._waiting or self._closed)
+            item: Any = self._waiting.popleft() if self._waiting else _END
+            self._changed.notify_all()
+            if item is not _END:
+                taken: T = item
+                return taken
+            self._closed = True
+            failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+        raise StopIteration
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End it, from any thread; a second time does nothing."""
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._changed.notify_all()
+        if self._thread.ident is not None and self._thread is not threading.current_thread():
+            self._thread.join(self._patience)
+
+    def _work(self) -> None:
         try:
-            for item in items:
-                if not belt.put(item):
+            for item in self._source:
+                if not self._put(item):
                     break
         except BaseException as error:  # To be raised where the items are wanted.
-            failed.append(error)
+            self._failed = error
         finally:
-            close = getattr(items, "close", None)
+            close = getattr(self._source, "close", None)
             if close is not None:
-                with suppress(BaseException):
+                with suppress(Exception):
                     close()
-            belt.put(_END)
+            self._put(_END)
 
-    thread = threading.Thread(target=work, name=f"unitsel-{name}", daemon=True)
-    thread.start()
-    try:
-        while (item := belt.take()) is not _END:
-            yield item
-        if failed:
-            raise failed[0]
-    finally:
-        belt.close()
-        thread.join(PATIENCE if thread.is_alive() else None)
+    def _put(self, item: object) -> bool:
+        """Add an item when there is room; False once nobody takes any more."""
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._waiting) < self._room or self._closed)
+            if not self._closed:
+                self._waiting.append(item)
+                self._changed.notify_all()
+            return not self._closed

@@ -1,7 +1,7 @@
 """Where in the output an utterance lies: its time, and which frames are its own.
 
-Frame i shows the time from ``i / fps`` on. An utterance has the frames that begin nearest to where it
-begins and up to where it ends, so that no rounding adds up from one to the next.
+Frame i shows the time from ``i / fps`` on. An utterance begins with the frame nearest to where it
+begins in time and ends where the next one does so, so that no rounding adds up.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, Protocol, TypeVar
+
+from database.sound import Sound
 
 
 class Lasting(Protocol):
@@ -36,6 +38,8 @@ class Placed(Generic[S]):
         Seconds of the output at which it begins.
     first, stop : int
         Its frames: the first, and the one behind the last.
+    sound : Sound, optional
+        What is heard, from `start` on.
     """
 
     selection: S
@@ -43,6 +47,7 @@ class Placed(Generic[S]):
     start: float
     first: int
     stop: int
+    sound: Sound | None = None
 
     @property
     def end(self) -> float:
@@ -50,13 +55,13 @@ class Placed(Generic[S]):
         return self.start + self.selection.duration
 
 
-def placed(selections: Iterable[S], rate: Fraction) -> Iterator[Placed[S]]:
+def placed(selections: Iterable[tuple[S, Sound | None]], rate: Fraction) -> Iterator[Placed[S]]:
     """Place utterances one after another.
 
     Parameters
     ----------
     selections : iterable
-        Read when the next is asked for.
+        With their sounds; read when the next is asked for.
     rate : Fraction
         Frames a second of the output.
 
@@ -66,8 +71,7 @@ def placed(selections: Iterable[S], rate: Fraction) -> Iterator[Placed[S]]:
         The first has one frame at least; later ones may be too short for any.
     """
     start, first = 0.0, 0
-    for index, selection in enumerate(selections):
-        stop = round((start + selection.duration) * float(rate))
-        stop = max(stop, first, 1)
-        yield Placed(selection, index, start, first, stop)
+    for index, (selection, sound) in enumerate(selections):
+        stop = max(round((start + selection.duration) * float(rate)), first, 1)
+        yield Placed(selection, index, start, first, stop, sound)
         start, first = start + selection.duration, stop

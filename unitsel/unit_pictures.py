@@ -31,11 +31,12 @@ from render.background import Background
 from render.blend import BlendShape, blend_alpha, ring_weights
 from render.compose import apply_gain, composite, fit_gain
 from render.layer_picture import layer_picture
-from render.playback import PlayedFrame, Playback
+from render.playback import Playback, PlayedFrame
 from render.scene import MouthLayer, Scene
-from unitsel.ahead import ahead
+from unitsel.ahead import Ahead
 from unitsel.placed import Placed
 from unitsel.select import Selection
+from unitsel.writing import Frame
 
 Progress = Callable[[str, int, int], None]
 
@@ -94,16 +95,17 @@ class UnitPictures:
         *,
         fps: float | Fraction | None = None,
         size: Size | None = None,
+        alpha: bool = False,
         progress: Progress | None = None,
-    ) -> Iterator[Planes]:
-        """Draw a selection; see `Synthesizer.render`."""
+    ) -> Iterator[Frame]:
+        """Draw a selection; see `Synthesizer.render` and `draw_placed`."""
         rate = snap_rate(background.fps if fps is None else fps)
         n = frame_count(selection.duration, float(rate))
-        whole = [Placed(selection, 0, 0.0, 0, n)]
-        pictures = self.draw_placed(whole, background, rate, size=size, length=n)
+        whole = iter([Placed(selection, 0, 0.0, 0, n)])
+        pictures = self.draw_placed(whole, background, rate, size=size, alpha=alpha, length=n)
         with closing(pictures):
-            for i, planes in enumerate(pictures):
-                yield planes
+            for i, picture in enumerate(pictures):
+                yield picture
                 if progress is not None:
                     progress("rendering", i + 1, n)
 
@@ -114,8 +116,9 @@ class UnitPictures:
         rate: Fraction,
         *,
         size: Size | None = None,
+        alpha: bool = False,
         length: int | None = None,
-    ) -> Generator[Planes, None, None]:
+    ) -> Generator[Frame, None, None]:
         """Draw utterances one after another, the background going on through all of them.
 
         Parameters
@@ -127,36 +130,22 @@ class UnitPictures:
             Frames a second.
         size : (width, height), optional
             Of the pictures; by default the background's.
+        alpha : bool
+            Draw the mouth alone.
         length : int, optional
             Frames in all, where that is known.
 
         Yields
         ------
-        Planes
+        Planes, or (height, width, 4) uint8
+            The picture's planes, or the mouth's RGB and alpha, not premultiplied.
         """
         with closing(self._layers(utterances, background, rate, size, length)) as layers:
             for ready, layer in layers:
-                yield composite(ready.planes, layer, ready.frame.colour)
-
-    def draw_alpha(
-        self,
-        utterances: Iterable[Placed[Selection]],
-        background: Background,
-        rate: Fraction,
-        *,
-        size: Size | None = None,
-        length: int | None = None,
-    ) -> Generator[npt.NDArray[np.uint8], None, None]:
-        """Draw the mouths alone, where `draw_placed` has them.
-
-        Yields
-        ------
-        (height, width, 4) uint8
-            RGB and alpha, not premultiplied; transparent outside the mouth.
-        """
-        with closing(self._layers(utterances, background, rate, size, length)) as layers:
-            for ready, layer in layers:
-                yield layer_picture(layer, ready.planes.width, ready.planes.height)
+                if alpha:
+                    yield layer_picture(layer, ready.planes.width, ready.planes.height)
+                else:
+                    yield composite(ready.planes, layer, ready.frame.colour)
 
     def _layers(
         self,
@@ -176,9 +165,9 @@ class UnitPictures:
             size = own if size is None else size
             check_size(size, own, background)
             scene = self._scene(self._database.camera.scaled_to(*size))
-            steps = ahead(self._read(utterances, played, rate, size), READ_AHEAD, "reading")
-            with closing(steps):
-                for ready in steps:
+            steps = self._read(utterances, played, rate, size)
+            with Ahead(steps, READ_AHEAD, "reading") as ahead:
+                for ready in ahead:
                     if gain is None or before is None or sequence[ready.unit] != sequence[before]:
                         gain = ready.fitted
                     else:
@@ -197,9 +186,7 @@ class UnitPictures:
         """Read and decode what the frames of utterances are made of."""
         crops: OrderedDict[tuple[int, int], Picture] = OrderedDict()
         for utterance in utterances:
-            selection = utterance.selection
-            times = (np.arange(utterance.first, utterance.stop) + 0.5) / float(rate)
-            for unit in units_at(selection, times - utterance.start).tolist():
+            for unit in units_of(utterance, rate).tolist():
                 frame = next(played)
                 crop = self._database.picture(unit)
                 seen = self._seen(frame, played.camera, crops)
@@ -243,10 +230,11 @@ class UnitPictures:
             return self._scenes[camera]
 
 
-def units_at(
-    selection: Selection, times: npt.NDArray[np.float64]
-) -> npt.NDArray[np.int64]:
-    """Unit shown at each time, seconds of the selection's own; past its ends the nearest."""
+def units_of(utterance: Placed[Selection], rate: Fraction) -> npt.NDArray[np.int64]:
+    """Unit of each frame of an utterance, (stop - first,) int64; past its ends the nearest."""
+    selection = utterance.selection
+    middles = np.arange(utterance.first, utterance.stop) + 0.5
+    times = middles / float(rate) - utterance.start
     # A time on the border of two frames belongs to the later one, whatever the rounding.
     place = np.floor(times * selection.fps + 1e-9).astype(np.int64)
     units: npt.NDArray[np.int64] = selection.units[np.clip(place, 0, len(selection.units) - 1)]
