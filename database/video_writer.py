@@ -211,6 +211,8 @@ class VideoWriter:
             raise MediaError(f"{self.path}: cannot be written ({reason(error)})") from error
 
     def _open(self) -> None:
+        # SVT-AV1 tells its life on the terminal otherwise; 1 is errors only.
+        os.environ.setdefault("SVT_LOG", "1")
         container = av.open(
             str(self._partial), "w", format=self._kind.format, options=dict(self._kind.options)
         )
