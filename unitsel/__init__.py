@@ -197,7 +197,9 @@ _HOMES: Final = {
     "analysis.motion": "CropSettings MotionSettings",
     "analysis.texture": "TextureSettings",
     "database.cost_definition": "CostSettings FeatureWeights",
-    "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError PhonemeError PronunciationError RenderError SelectionError SpeechError TimingError TrackError UnitselError",
+    "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError "
+    "PhonemeError PronunciationError RenderError SelectionError SpeechError TimingError "
+    "TrackError UnitselError",
     "database.lexicon": "Lexicon spread_words",
     "database.phonemes": "PHONEMES VISEMES",
     "database.planes": "Colour Planes planes_to_rgb",
