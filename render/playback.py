@@ -63,6 +63,10 @@ class PlayedFrame:
         return planes_to_rgb(self.planes, self.colour)
 
 
+GoingOn = tuple[tuple[Likeness, ...], Ways, bool]
+"""Changes between frames of a background, and whether they are enough for a walk."""
+
+
 class Playback:
     """An endless iterator over a background's frames at a rate; a context manager.
 
@@ -83,6 +87,8 @@ class Playback:
         straight on.
     memory : int
         Bytes of decoded frames to keep.
+    going_on : GoingOn, optional
+        `going_on` of an earlier playback of the same background, which need not be found again.
 
     Attributes
     ----------
@@ -91,6 +97,8 @@ class Playback:
     colour : Colour
     camera : Camera
         For the frames.
+    going_on : GoingOn or None
+        How it is played on; None where it is long enough.
     notes : tuple of str
         What a user should know of how the background is played on.
 
@@ -112,6 +120,7 @@ class Playback:
         seed: int = 0,
         length: int | None = None,
         memory: int = MEMORY_LIMIT,
+        going_on: GoingOn | None = None,
     ) -> None:
         self.fps = float(snap_rate(fps))
         self._ratio = background.fps / self.fps
@@ -120,20 +129,23 @@ class Playback:
         self.width, self.height, self.colour = form.width, form.height, form.colour
         self.camera = camera.scaled_to(form.width, form.height)
         self.notes: tuple[str, ...] = ()
+        self.going_on: GoingOn | None = None
         steps = None if length is None else self._step_of(max(0, length - 1)) + 1
         self._material = Material.of(background, LONGEST if steps is None else max(LONGEST, steps))
         if background.still or (steps is not None and steps <= int(self._material.ends[0])):
             self._steps = forth_and_back(0, int(self._material.ends[0]), 0)
         else:
             self._material = Material.of(background, LONGEST)
-            self._steps = self._walk(patch, seed)
+            self._steps = self._walk(patch, seed, going_on)
         self._number = 0
         self._taken = 0
         self._shown: PlayedFrame | None = None
         self._step = Step(0, 0)
 
-    def _walk(self, patch: MouthPatch, seed: int) -> Iterator[Step]:
-        likeness, ways, free = _ways_of(self._material, self._frames, patch, self.camera)
+    def _walk(self, patch: MouthPatch, seed: int, going_on: GoingOn | None) -> Iterator[Step]:
+        if going_on is None:
+            going_on = _ways_of(self._material, self._frames, patch, self.camera)
+        self.going_on = likeness, ways, free = going_on
         notes = []
         if not free:
             notes.append(
@@ -197,7 +209,7 @@ class Playback:
 
 def _ways_of(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
-) -> tuple[tuple[Likeness, ...], Ways, bool]:
+) -> GoingOn:
     """Changes between frames, and whether they are enough for a walk."""
     likeness = compare_frames(material, frames, patch, camera)
     ways = find_ways(material, likeness)
