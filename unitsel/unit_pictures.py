@@ -10,7 +10,7 @@ import threading
 import weakref
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -21,18 +21,21 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import RenderError
-from database.mask import Camera, cut_crop, project
+from database.mask import Camera
 from database.media import snap_rate
 from database.pictures import Picture
 from database.planes import Planes, planes_to_rgb
 from database.reader import UnitDatabase
 from database.track import frame_count
 from render.background import Background
-from render.blend import BlendShape, blend_alpha, ring_weights
-from render.compose import apply_gain, composite, fit_gain
+from render.blend import BlendShape, blend_alpha
+from render.colour_transfer import ColourTransfer
+from render.compose import composite, cut_from_planes
+from render.eyes import Eyes
 from render.layer_picture import layer_picture
 from render.playback import GoingOn, Playback, PlayedFrame
 from render.scene import MouthLayer, Scene
+from render.sharpening import sharpen, sharpening_amount
 from unitsel.ahead import Ahead
 from unitsel.placed import Placed
 from unitsel.select import Selection
@@ -40,7 +43,7 @@ from unitsel.writing import Frame
 
 Progress = Callable[[str, int, int], None]
 
-GAIN_MEMORY: Final = 0.7
+GAIN_MEMORY: Final = 0.3
 """How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
 
 READ_AHEAD: Final = 12
@@ -63,7 +66,7 @@ class _Ready:
     planes: Planes
     unit: int
     crop: Picture
-    fitted: npt.NDArray[np.float64]
+    fitted: npt.NDArray[np.float32]
 
 
 class UnitPictures:
@@ -89,8 +92,8 @@ class UnitPictures:
         return blend_alpha(self._database.mask, self._blend)
 
     @cached_property
-    def _ring(self) -> npt.NDArray[np.float32]:
-        return ring_weights(self._alpha)
+    def _transfer(self) -> ColourTransfer:
+        return ColourTransfer(self._alpha)
 
     def draw(
         self,
@@ -100,13 +103,16 @@ class UnitPictures:
         fps: float | Fraction | None = None,
         size: Size | None = None,
         alpha: bool = False,
+        eyes: Background | None = None,
         progress: Progress | None = None,
     ) -> Iterator[Frame]:
         """Draw a selection; see `Synthesizer.render` and `draw_placed`."""
         rate = snap_rate(background.fps if fps is None else fps)
         n = frame_count(selection.duration, float(rate))
         whole = iter([Placed(selection, 0, 0.0, 0, n)])
-        pictures = self.draw_placed(whole, background, rate, size=size, alpha=alpha, length=n)
+        pictures = self.draw_placed(
+            whole, background, rate, size=size, alpha=alpha, eyes=eyes, length=n
+        )
         with closing(pictures):
             for i, picture in enumerate(pictures):
                 yield picture
@@ -121,6 +127,7 @@ class UnitPictures:
         *,
         size: Size | None = None,
         alpha: bool = False,
+        eyes: Background | None = None,
         length: int | None = None,
     ) -> Generator[Frame, None, None]:
         """Draw utterances one after another, the background going on through all of them.
@@ -136,6 +143,8 @@ class UnitPictures:
             Of the pictures; by default the background's.
         alpha : bool
             Draw the mouth alone.
+        eyes : Background, optional
+            Whose eyes are laid on the background.
         length : int, optional
             Frames in all, where that is known.
 
@@ -144,7 +153,10 @@ class UnitPictures:
         Planes, or (height, width, 4) uint8
             The picture's planes, or the mouth's RGB and alpha, not premultiplied.
         """
-        with closing(self._layers(utterances, background, rate, size, length)) as layers:
+        if alpha and eyes is not None:
+            raise RenderError("eyes are laid on a background, and a mouth alone has none")
+        drawn = self._layers(utterances, background, rate, size, eyes, length)
+        with closing(drawn) as layers:
             for ready, layer in layers:
                 if alpha:
                     yield layer_picture(layer, ready.planes.width, ready.planes.height)
@@ -157,11 +169,13 @@ class UnitPictures:
         background: Background,
         rate: Fraction,
         size: Size | None,
+        eyes: Background | None,
         length: int | None,
     ) -> Generator[tuple[_Ready, MouthLayer], None, None]:
         """The mouth of each frame, and what it was drawn from."""
         sequence = self._database.units.sequence
-        gain: npt.NDArray[np.float64] | None = None
+        gain: npt.NDArray[np.float32] | None = None
+        amount: float | None = None
         before: int | None = None
         with self._played(background, rate, length) as played:
             own = (played.width, played.height)
@@ -169,15 +183,24 @@ class UnitPictures:
             check_size(size, own, background)
             scene = self._scene(self._database.camera.scaled_to(*size))
             steps = self._read(utterances, played, rate, size)
-            with Ahead(steps, READ_AHEAD, "reading") as ahead:
+            mask, camera = self._database.mask, self._database.camera
+            laid = nullcontext() if eyes is None else Eyes(eyes, mask, camera, rate, *size)
+            with Ahead(steps, READ_AHEAD, "reading") as ahead, laid as own_eyes:
                 for ready in ahead:
                     if gain is None or before is None or sequence[ready.unit] != sequence[before]:
                         gain = ready.fitted
                     else:
                         gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * ready.fitted
                     before = ready.unit
-                    layer = scene.draw(apply_gain(ready.crop, gain), ready.frame.pose)
-                    yield ready, layer
+                    pose, colour = ready.frame.pose, ready.frame.colour
+                    if amount is None:
+                        seen = planes_to_rgb(ready.planes, colour)
+                        amount = sharpening_amount(scene, seen, pose, colour)
+                    crop = self._transfer.apply(sharpen(ready.crop, amount), gain)
+                    if own_eyes is not None:
+                        planes = own_eyes.lay(ready.planes, pose, colour)
+                        ready = replace(ready, planes=planes)
+                    yield ready, scene.draw(crop, pose)
 
     def _read(
         self,
@@ -193,7 +216,7 @@ class UnitPictures:
                 frame = next(played)
                 crop = self._database.picture(unit)
                 seen = self._seen(frame, played.camera, crops)
-                fitted = fit_gain(seen, crop, self._ring)
+                fitted = self._transfer.field(seen, crop)
                 yield _Ready(frame, resized(frame.planes, size), unit, crop, fitted)
 
     def _seen(
@@ -208,14 +231,7 @@ class UnitPictures:
             kept.move_to_end(key)
             return kept[key]
         patch = self._database.mask.patch
-        # Of the picture only the part that the mouth lies in is converted.
-        points = project(patch.grid, frame.pose, camera).reshape(-1, 2)
-        height, width = frame.planes.y.shape
-        x0, y0 = np.clip(points.min(axis=0) // 2 * 2 - 4, 0, (width - 2, height - 2)).astype(int)
-        x1, y1 = np.clip(points.max(axis=0) // 2 * 2 + 6, (x0 + 2, y0 + 2), (width, height))
-        rgb = planes_to_rgb(part_of(frame.planes, x0, y0, int(x1), int(y1)), frame.colour)
-        near = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
-        crop = cut_crop(rgb, patch, frame.pose, near)
+        crop = cut_from_planes(frame.planes, frame.colour, patch, frame.pose, camera)
         if not frame.blended:
             kept[key] = crop
             while len(kept) * crop.nbytes > CROPS_KEPT:
@@ -288,9 +304,3 @@ def resized(planes: Planes, size: Size) -> Planes:
         for plane, wanted in ((planes.y, size), (planes.u, half), (planes.v, half))
     )
     return Planes(y, u, v)
-
-
-def part_of(planes: Planes, x0: int, y0: int, x1: int, y1: int) -> Planes:
-    """A box of a picture, at even coordinates; views, not copies."""
-    rows, columns = slice(y0 // 2, y1 // 2), slice(x0 // 2, x1 // 2)
-    return Planes(planes.y[y0:y1, x0:x1], planes.u[rows, columns], planes.v[rows, columns])
