@@ -36,10 +36,15 @@ from database.errors import SpeechError
 from database.media import read_sound, read_video
 from database.sound import Sound
 from database.timing import Timing, write_timing
-from render.compose import composite
-from render.scene import start_opengl
+from render.blend import blend_alpha
+from render.colour_transfer import ColourTransfer
+from render.compose import composite, cut_from_planes
+from render.playback import Playback
+from render.scene import Scene, start_opengl
 from unitsel.placed import Placed
+from unitsel.select import Selection
 from unitsel.speech.spoken import speak
+from unitsel.unit_pictures import UnitPictures
 
 TEXT = (
     "The weather stayed fine for most of the week, and nobody thought of going home. "
@@ -98,47 +103,44 @@ def plain_draw(width: int, height: int) -> Callable[[], None]:
 
 def rendering(synthesizer: unitsel.Synthesizer) -> None:
     """Print the speed of rendering against plain draws."""
-    pictures = synthesizer._pictures
     database = synthesizer.database
     background = synthesizer.background()
     selection = synthesizer.select(database.sequence_track(1), exclude_sequences=[1])
-    print("rendering, relative to a plain full-screen draw with read back (median ms):")
+    patch = database.mask.patch
+    alpha = blend_alpha(database.mask)
+    transfer = ColourTransfer(alpha)
+    pictures = UnitPictures(database)
+    print("rendering, relative to a plain full-screen draw with read back (medians):")
     for width, height in SIZES:
-        steps = pictures.decoded(
-            iter([Placed(selection, 0, 0.0, 0, ROUNDS)]), background, Fraction(25), (width, height)
-        )
-        inputs = list(steps)
+        whole = [Placed(selection, 0, 0.0, 0, ROUNDS)]
+        with Playback(background, 25, patch, database.camera, length=ROUNDS) as played:
+            frames = list(pictures.decoded(whole, played, Fraction(25), (width, height)))
         plain = plain_draw(width, height)
-        scene = pictures.scene(width, height)
-        painter = pictures.painter(scene)
-        fitted = [painter.fitted(i) for i in inputs]
-        taken: dict[str, list[float]] = {}
-
-        def timed(name: str, work: Callable[[], object], taken: dict[str, list[float]]) -> object:
-            started = time.perf_counter()
-            result = work()
-            taken.setdefault(name, []).append(time.perf_counter() - started)
-            return result
-
-        for given, fit in zip(inputs, fitted, strict=True):
-            timed("plain", plain, taken)
-            timed("mouth", lambda i=given: scene.draw(i.crop, i.frame.pose), taken)
-            layer = timed("frame", lambda f=fit: painter.painted(f), taken)
-            started = time.perf_counter()
-            composite(given.planes, layer, given.frame.colour)
-            taken["frame"][-1] += time.perf_counter() - started
-            started = time.perf_counter()
-            painter.fitted(given)
-            taken.setdefault("fit", []).append(time.perf_counter() - started)
-        median = {name: float(np.median(t)) for name, t in taken.items()}
-        whole = median["frame"] + median["fit"]
-        print(f"  {width} x {height}: plain {1e3 * median['plain']:.2f}")
-        for name, value in (
-            ("mouth drawn and read back", median["mouth"]),
-            ("frame: colour applied, drawn, read back, laid over", median["frame"]),
-            ("frame, and its colour fitted", whole),
+        painter = pictures.painter((width, height))
+        camera = database.camera.scaled_to(width, height)
+        shown = frames[0].frame
+        seen = cut_from_planes(frames[0].planes, shown.colour, patch, shown.pose, camera)
+        times: list[list[float]] = []
+        with Scene(width, height, patch, camera, alpha) as scene:
+            for frame in frames:
+                marks = [time.perf_counter()]
+                plain()
+                marks.append(time.perf_counter())
+                scene.draw(frame.crop, frame.frame.pose)
+                marks.append(time.perf_counter())
+                composite(frame.planes, painter.paint(frame), frame.frame.colour)
+                marks.append(time.perf_counter())
+                transfer.field(seen, frame.crop)
+                marks.append(time.perf_counter())
+                times.append(np.diff(marks).tolist())
+        full, mouth, drawn, fit = np.median(np.array(times[5:]), axis=0)
+        print(f"  {width} x {height}: plain draw {1e3 * full:.2f} ms")
+        for name, taken in (
+            ("mouth drawn and read back", mouth),
+            ("whole frame: colour, draw, read back, laid over", drawn),
+            ("whole frame, and its colour fitted", drawn + fit),
         ):
-            print(f"    {name:<52} {1e3 * value:.2f}   ratio {median['plain'] / value:.2f}")
+            print(f"    {name:<48} {1e3 * taken:.2f} ms, ratio {full / taken:.2f}")
 
 
 def minute(database: Path, synthesizer: unitsel.Synthesizer) -> None:
@@ -220,7 +222,7 @@ def drift(synthesizer: unitsel.Synthesizer) -> None:
         print("drift of sound and picture over a minute, background of variable rate:")
         for rate in RATES:
             out = folder / "out.mp4"
-            firsts: list[int] = []
+            begun: list[Placed[Selection]] = []
 
             def spoken() -> Iterator[tuple[unitsel.PhonemeTrack, Sound]]:
                 for track in tracks:
@@ -228,22 +230,18 @@ def drift(synthesizer: unitsel.Synthesizer) -> None:
                     samples[:64] = 0.9
                     yield track, Sound(samples, 16000)
 
-            frames = synthesizer.stream(spoken(), background=background, fps=rate)
-            starts: list[float] = []
-            for frame in frames:
-                if frame.utterance.index == len(firsts):
-                    firsts.append(frame.index)
-                    starts.append(frame.utterance.start)
-            written = synthesizer.write_stream(spoken(), out, background=background, fps=rate)
+            written = synthesizer.write_stream(
+                spoken(), out, background=background, fps=rate, begun=begun.append
+            )
             with av.open(str(out)) as container:
                 video = container.streams.video[0]
                 stamps = [float(f.pts * f.time_base) for f in container.decode(video)]
             heard = np.abs(read_sound(out, None).samples) > 0.3
             worst = 0.0
-            for first, start in zip(firsts, starts, strict=True):
-                low = max(0, round((start - 0.5) * 16000))
+            for utterance in begun:
+                low = max(0, round((utterance.start - 0.5) * 16000))
                 click = (low + int(np.argmax(heard[low:]))) / 16000
-                worst = max(worst, abs(stamps[first] - click))
+                worst = max(worst, abs(stamps[utterance.first] - click))
             frame_time = 1 / written.fps
             print(
                 f"  {rate:g} a second: {1e3 * worst:.1f} ms of {1e3 * frame_time:.1f} ms a frame, "
@@ -265,7 +263,8 @@ def main() -> int:
         return 0
     with unitsel.open_database(path) as database:
         synthesizer = unitsel.Synthesizer(database)
-        print(f"{path}: {len(database)} units; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+        load = os.getloadavg()[0]
+        print(f"{path}: {len(database)} units; {os.cpu_count()} cores, load {load:.1f}")
         rendering(synthesizer)
         first_picture(synthesizer)
         minute(path, synthesizer)
