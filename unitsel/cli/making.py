@@ -189,7 +189,7 @@ def make(
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
-                selected=told.add,
+                begun=lambda utterance: told.add(utterance.selection),
                 progress=output.progress,
                 seconds=track.end,
             )
