@@ -199,6 +199,13 @@ class Synthesizer:
             )
         rate = snap_rate(background.fps if fps is None else fps)
         pictures = self.render(selection, background=background, fps=rate, progress=progress)
-        return write_video(
-            pictures, path, background=background.path, rate=rate, audio=audio, crf=crf
+        written = write_video(
+            pictures,
+            path,
+            background=background.path,
+            rate=rate,
+            audio=audio,
+            crf=crf,
+            others=[part.path for part in background.more],
         )
+        return replace(written, notes=self._pictures.notes)

@@ -41,6 +41,8 @@ class UnitPictures:
     def __init__(self, database: UnitDatabase, blend: BlendShape | None = None) -> None:
         self._database = database
         self._blend = blend
+        self.notes: tuple[str, ...] = ()
+        """What a user should know of how the last background was played."""
 
     @cached_property
     def _alpha(self) -> npt.NDArray[np.float32]:
@@ -69,6 +71,7 @@ class UnitPictures:
             Playback(background, rate, patch, db.camera, length=n) as played,
             Scene(played.width, played.height, patch, played.camera, self._alpha) as scene,
         ):
+            self.notes = played.notes
             for i, frame in zip(range(n), played, strict=False):
                 pose, camera = frame.pose, played.camera
                 unit = int(units[i])

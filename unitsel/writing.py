@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -26,6 +26,8 @@ class Written:
     fps : float
     seconds : float
         Length of the video.
+    notes : tuple of str
+        What a user should know of how the background was played.
     """
 
     path: Path
@@ -33,6 +35,7 @@ class Written:
     frames: int
     fps: float
     seconds: float
+    notes: tuple[str, ...] = ()
 
 
 def write_video(
@@ -43,6 +46,7 @@ def write_video(
     rate: Fraction,
     audio: str | Path | Sound | None = None,
     crf: int = 18,
+    others: Sequence[Path] = (),
 ) -> Written:
     """Write pictures that were drawn onto a background.
 
@@ -58,13 +62,15 @@ def write_video(
         Frames a second.
     audio : path or Sound, optional
     crf : int
+    others : sequence of Path
+        Other files that the pictures are made of.
 
     Raises
     ------
     MediaError
         If sound or video cannot be read or written.
     """
-    _refuse_own_input(Path(path), background, audio)
+    _refuse_own_input(Path(path), (background, *others), audio)
     info = frame_format(background)
     with VideoWriter(
         path, info.width, info.height, rate, audio, colour=info.colour, crf=crf
@@ -74,9 +80,11 @@ def write_video(
     return Written(Path(path), background, video.frames, float(rate), video.frames / float(rate))
 
 
-def _refuse_own_input(output: Path, background: Path, audio: str | Path | Sound | None) -> None:
+def _refuse_own_input(
+    output: Path, pictures: Sequence[Path], audio: str | Path | Sound | None
+) -> None:
     """A video that replaced what it was made from could not be made again."""
-    for source in (background, None if isinstance(audio, Sound) else audio):
+    for source in (*pictures, None if isinstance(audio, Sound) else audio):
         if source is None or not (output.exists() and Path(source).exists()):
             continue
         if output.samefile(source):

@@ -156,7 +156,10 @@ def make(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {segments} "
         f"segments, over {written.background}"
     )
-    return Made(document, "\n".join([text, *fallbacks]), settings.target.name)
+    if written.notes:
+        document["background_notes"] = list(written.notes)
+    lines = [text, *fallbacks, *written.notes]
+    return Made(document, "\n".join(lines), settings.target.name)
 
 
 def _settings(
