@@ -125,6 +125,16 @@ class UnitDatabase(DatabaseFile):
         return self._document("report")
 
     @cached_property
+    def consent(self) -> str:
+        """What the person filmed has agreed to, as noted at the build; empty without a note."""
+        with reading(self.path):
+            if "consent" not in self._file:
+                return ""
+            note = str(self._read("consent/note")[0])
+            checks.check_consent(note)
+            return note
+
+    @cached_property
     def sequences(self) -> Sequences:
         """The clips."""
         with reading(self.path):

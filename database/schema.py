@@ -241,6 +241,9 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("build/versions", "string", (1,), "",
           "versions of unitsel and of the libraries that shaped the content, JSON"),
     Field("build/report", "string", (1,), "", "what the build skipped or repaired, JSON"),
+    Field("consent/note", "string", (1,), "",
+          "what the person filmed has agreed to, as whoever built the database wrote it",
+          optional=True),
     Field("selection/settings", "string", (1,), "",
           "settings of the selection that this database asks for, JSON", optional=True),
     Field("sound/features", "float16", ("F", 26), "1",
@@ -439,4 +442,5 @@ class DatabaseContent:
     lips: UnitLips | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)
+    consent: str = ""
     starts: npt.NDArray[np.float64] | None = None

@@ -244,6 +244,9 @@ def _prepare(
     values["camera"] = [camera.focal, camera.cx, camera.cy, camera.width, camera.height]
     values["build/settings"] = [_json("build/settings", content.settings)]
     values["build/report"] = [_json("build/report", content.report)]
+    if content.consent:
+        checks.check_consent(content.consent)
+        values["consent/note"] = [content.consent]
     values["build/versions"] = [_json("build/versions", library_versions())]
     sizes: dict[str, int] = {}
     arrays = {}

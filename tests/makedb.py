@@ -183,7 +183,7 @@ def make_content(
         starts = 2.5 * np.arange(len(content.sequences))
         content = replace(content, sound=sound, guides=guides, starts=starts)
         content = replace(content, marks=_marks(content.phones), rigid=_rigid(rng))
-        content = replace(content, lips=_lips(rng, len(units)))
+        content = replace(content, lips=_lips(rng, len(units)), consent="Made up; nobody to ask.")
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
