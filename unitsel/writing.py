@@ -83,6 +83,8 @@ class Written:
         Length of the video.
     sound_copied : bool
         Whether its sound is the recording's own packets, not encoded again.
+    notes : tuple of str
+        What a user should know of how the background was played.
     """
 
     path: Path
@@ -91,6 +93,7 @@ class Written:
     fps: float
     seconds: float
     sound_copied: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def is_folder(path: Path) -> bool:
@@ -168,9 +171,19 @@ def write_video(
 
 
 def _refuse_own_input(output: Path, background: Path, audio: SoundInput | None) -> None:
-    """A video that replaced what it was made from could not be made again."""
-    for source in (background, audio if isinstance(audio, str | Path) else None):
-        if source is None or not (output.exists() and Path(source).exists()):
+    refuse_inputs(output, [background, *([audio] if isinstance(audio, str | Path) else [])])
+
+
+def refuse_inputs(output: Path, sources: Iterable[str | Path]) -> None:
+    """Refuse to replace what a video is made from: it could not be made again.
+
+    Raises
+    ------
+    MediaError
+        If the output is one of the sources.
+    """
+    for source in sources:
+        if not (output.exists() and Path(source).exists()):
             continue
         if output.samefile(source):
             raise MediaError(f"{output}: is an input of this video too; name another output")

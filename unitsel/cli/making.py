@@ -258,7 +258,10 @@ def _made(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {told.segments} "
         f"segments, over {written.background}"
     )
-    return Made(document, "\n".join([text, *told.fallbacks]), settings.target.name)
+    if written.notes:
+        document["background_notes"] = list(written.notes)
+    lines = [text, *told.fallbacks, *written.notes]
+    return Made(document, "\n".join(lines), settings.target.name)
 
 
 def _encoding(options: argparse.Namespace) -> Encoding:
