@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import wave
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -31,6 +32,7 @@ KEYS = {
         "fps",
         "seconds",
         "sound_copied",
+        "sound_seconds",
         "segments",
         "cost",
         "fallbacks",
@@ -166,6 +168,19 @@ def test_sound_shorter_than_the_phones_is_followed_by_silence(
     write_timing(tmp_path / "long.TextGrid", Timing(track, words))
     found = synth(tmp_path / "long.TextGrid", "--audio", puppet_corpus / "hopper1.mp4")
     assert found["frames"] == frame_count(track.end, 25)
+    # Packets that are taken over as they are cannot be lengthened; that is told.
+    assert found["sound_copied"]
+    length = read_sound(puppet_corpus / "hopper1.mp4").duration
+    assert found["sound_seconds"] == pytest.approx(length, abs=0.06)
+    samples = read_sound(puppet_corpus / "hopper1.mp4")
+    with wave.open(str(tmp_path / "short.wav"), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(samples.rate)
+        file.writeframes((samples.samples * 32767).astype("<i2").tobytes())
+    found = synth(tmp_path / "long.TextGrid", "--audio", tmp_path / "short.wav")
+    assert not found["sound_copied"]
+    assert found["sound_seconds"] == pytest.approx(track.end, abs=0.06)
     assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(track.end, abs=0.06)
 
 
