@@ -25,18 +25,8 @@ from unitsel.settings import settings_for
 Run = Callable[..., tuple[int, str, str]]
 
 KEYS = {
-    *(
-        "video",
-        "background",
-        "frames",
-        "fps",
-        "seconds",
-        "sound_copied",
-        "sound_seconds",
-        "segments",
-        "cost",
-        "fallbacks",
-    ),
+    *("video", "background", "frames", "fps", "seconds", "sound_copied", "sound_seconds"),
+    *("segments", "cost", "fallbacks", "notes"),
 }
 
 
@@ -182,6 +172,26 @@ def test_sound_shorter_than_the_phones_is_followed_by_silence(
     assert not found["sound_copied"]
     assert found["sound_seconds"] == pytest.approx(track.end, abs=0.06)
     assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(track.end, abs=0.06)
+    (note,) = found["notes"]
+    assert "hopper1.mp4: lasts 2.00 s, and the timings end at 2.70 s; the rest is silent" in note
+
+
+def test_sound_longer_than_the_phones_is_told(
+    puppet: ModuleType,
+    puppet_db: Path,
+    puppet_corpus: Path,
+    run: Run,
+    synth: Callable[..., dict],
+    tmp_path: Path,
+) -> None:
+    track, words = puppet.even_track("bin blue", 0.1, 0.4)
+    timing = tmp_path / "short.TextGrid"
+    write_timing(timing, Timing(track, words))
+    audio = ("--audio", puppet_corpus / "hopper1.mp4")
+    (note,) = synth(timing, *audio)["notes"]
+    assert "the timings end at 0.80 s; the mouth rests till its end" in note
+    status, out, err = run("synth", puppet_db, timing, "-o", tmp_path / "out.mp4", *audio)
+    assert (status, err) == (0, "") and note in out
 
 
 def test_background_of_the_database_and_of_other_footage(
