@@ -99,7 +99,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     # Outputs
     (_synth(out="OUT/none/o.mp4"), "OUT/none"),
     (_synth(out="OUT/o.avi"), "OUT/o.avi"),
-    (_synth(out="OUT/o"), "OUT/o"),
+    (_synth(out="OUT/o.gif"), "OUT/o.gif"),
     (("build", "IN/wordless", "-o", "OUT/none/me.h5"), "OUT/none"),
     (("build", "IN/wordless", "-o", "OUT"), "OUT"),
     (("align", *LINE, "-o", "OUT/none/o.TextGrid"), "OUT/none"),
