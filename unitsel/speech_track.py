@@ -110,10 +110,7 @@ def length_note(timing: Timing, audio: str | Path) -> str | None:
     duration = read_sound(audio).duration
     if abs(duration - end) <= SAME_LENGTH:
         return None
-    if duration < end:
-        rest = "the rest is silent"
-    else:
-        rest = "the mouth rests till its end"
+    rest = "the rest is silent" if duration < end else "the mouth rests till its end"
     return f"{audio}: lasts {duration:.2f} s, and the timings end at {end:.2f} s; {rest}"
 
 
