@@ -44,7 +44,7 @@ RUN_LATER: Final = frozenset(
 """Modules of this folder whose code no clip goes through."""
 
 _NOWHERE: Final = Camera(1.0, 0.0, 0.0, 1, 1)
-_OTHER_LIBRARIES: Final = ("numba", "espeakng-loader")
+_OTHER_LIBRARIES: Final = ("numba", "espeakng-loader", "ai-edge-litert")
 
 
 def circumstances(

@@ -35,6 +35,7 @@ from database.schema import (
     Units,
 )
 from database.storage import read_text_attribute, reading
+from database.stored_backgrounds import StoredBackgrounds, check_backgrounds
 from database.track import PhonemeTrack, context_windows
 
 
@@ -263,6 +264,16 @@ class UnitDatabase(DatabaseFile):
     def lip_model(self) -> LipModel | None:
         """The active appearance model of the lips, if the database holds one."""
         return None if self.lips is None else self.lips.model
+
+    @cached_property
+    def backgrounds(self) -> StoredBackgrounds:
+        """Backgrounds that were added; none where nobody added any."""
+        with reading(self.path):
+            if "backgrounds" not in self._file:
+                return StoredBackgrounds.none()
+            part = StoredBackgrounds(**self._group("backgrounds", StoredBackgrounds))
+            check_backgrounds(part)
+            return part
 
     def sound(self, i: int) -> npt.NDArray[np.float16] | None:
         """Features of a sequence's sound, in the time of its phones; None where it has none.

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from database.lip_model import LEVELS, N_POINTS, LipModel
 from database.mask import Camera, Mask
+from database.stored_backgrounds import DESCRIBED, GROUP
 
 SCHEMA_NAME: Final = "unitsel-database"
 SCHEMA_VERSION: Final = 1
@@ -253,6 +254,7 @@ FIELDS: Final[tuple[Field, ...]] = (
     *(f for kind in GUIDES for f in _guide_fields(kind)),
     *_rigid_fields(),
     *_lip_fields(),
+    *(Field(f"{GROUP}/{n}", t, s, u, m, optional=True) for n, t, s, u, m in DESCRIBED),
 )
 # fmt: on
 """All datasets."""

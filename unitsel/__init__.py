@@ -77,6 +77,8 @@ if TYPE_CHECKING:
     from database.track import Interval, PhonemeTrack
     from render.background import Background
     from render.blend import BlendShape
+    from unitsel.background_keeping import add_backgrounds, remove_backgrounds
+    from unitsel.background_ranking import RankedBackground, rank_backgrounds
     from unitsel.costs import Weights
     from unitsel.doctor.page import write_doctor_page
     from unitsel.doctor.report import DoctorReport, doctor_report
@@ -84,6 +86,7 @@ if TYPE_CHECKING:
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
+    from unitsel.lip_targets import LipSettings
     from unitsel.select import Fallback, Selection
     from unitsel.settings import (
         SelectionSettings,
@@ -127,6 +130,7 @@ __all__ = [
     "Interval",
     "LagSettings",
     "Lexicon",
+    "LipSettings",
     "MediaError",
     "ModelError",
     "MotionSettings",
@@ -135,6 +139,7 @@ __all__ = [
     "PhonemeTrack",
     "Planes",
     "PronunciationError",
+    "RankedBackground",
     "RenderError",
     "Selection",
     "SelectionError",
@@ -156,6 +161,7 @@ __all__ = [
     "WordTrack",
     "Written",
     "__version__",
+    "add_backgrounds",
     "align_media",
     "build_database",
     "default_settings",
@@ -166,8 +172,10 @@ __all__ = [
     "merge_databases",
     "open_database",
     "planes_to_rgb",
+    "rank_backgrounds",
     "read_sound",
     "read_timing",
+    "remove_backgrounds",
     "speak",
     "spread_words",
     "timing_extensions",
@@ -189,9 +197,7 @@ _HOMES: Final = {
     "analysis.motion": "CropSettings MotionSettings",
     "analysis.texture": "TextureSettings",
     "database.cost_definition": "CostSettings FeatureWeights",
-    "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError "
-    "PhonemeError PronunciationError RenderError SelectionError SpeechError "
-    "TimingError TrackError UnitselError",
+    "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError PhonemeError PronunciationError RenderError SelectionError SpeechError TimingError TrackError UnitselError",
     "database.lexicon": "Lexicon spread_words",
     "database.phonemes": "PHONEMES VISEMES",
     "database.planes": "Colour Planes planes_to_rgb",
@@ -202,6 +208,8 @@ _HOMES: Final = {
     "database.track": "Interval PhonemeTrack",
     "render.background": "Background",
     "render.blend": "BlendShape",
+    "unitsel.background_keeping": "add_backgrounds remove_backgrounds",
+    "unitsel.background_ranking": "RankedBackground rank_backgrounds",
     "unitsel.costs": "Weights",
     "unitsel.doctor.page": "write_doctor_page",
     "unitsel.doctor.report": "DoctorReport doctor_report",
@@ -209,6 +217,7 @@ _HOMES: Final = {
     "unitsel.inspection": "Inspection inspect_database",
     "unitsel.likeness.evaluation": "Evaluation evaluate",
     "unitsel.likeness.folds": "evaluate_folds",
+    "unitsel.lip_targets": "LipSettings",
     "unitsel.select": "Fallback Selection",
     "unitsel.settings": "SelectionSettings TargetSettings default_settings",
     "unitsel.speech.spoken": "Speech speak",

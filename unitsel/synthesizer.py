@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -97,25 +97,28 @@ class Synthesizer:
         )
 
     def background(
-        self, video: str | Path | None = None, *, progress: Progress | None = None
+        self, *videos: str | Path | None, progress: Progress | None = None
     ) -> Background:
-        """A video of the person, with the head's pose in each frame.
+        """Videos or a photo of the person, with the head's pose in each frame.
 
         Parameters
         ----------
-        video : path, optional
-            A video file of the same person; one that the database was built from is known
-            already, any other is tracked now. By default the database's steadiest clip.
+        *videos : path
+            Videos of the same person, joined in this order, or one photo; a clip of the database
+            or a background that was added to it is known already, and may be given by its name,
+            any other is tracked now. By default, and for None, the database's best background
+            (`unitsel backgrounds`).
         progress : callable, optional
 
         Raises
         ------
         RenderError
-            If there is no video to use.
+            If there is no video to use, or those given cannot be joined.
         MediaError, FaceError
-            If the video cannot be read, or shows no face.
+            If a video cannot be read, or shows no face.
         """
-        return find_background(self.database, video, models=self._models, progress=progress)
+        named = [video for video in videos if video is not None]
+        return find_background(self.database, named or None, models=self._models, progress=progress)
 
     def render(
         self,
@@ -131,7 +134,7 @@ class Synthesizer:
         ----------
         selection : Selection
         background : Background, optional
-            By default the database's steadiest clip.
+            By default the database's best one.
         fps : float, optional
             Frame rate of the pictures; by default the background's.
         progress : callable, optional
@@ -156,7 +159,7 @@ class Synthesizer:
         path: str | Path,
         *,
         audio: str | Path | Sound | None = None,
-        background: Background | str | Path | None = None,
+        background: Background | str | Path | Sequence[str | Path] | None = None,
         fps: float | Fraction | None = None,
         crf: int = 18,
         progress: Progress | None = None,
@@ -170,8 +173,9 @@ class Synthesizer:
             Written beside and renamed when complete.
         audio : path or Sound, optional
             Sound of the video, cut or lengthened by silence to the selection's length.
-        background : Background or path, optional
-            By default the database's steadiest clip.
+        background : Background, path or sequence of paths, optional
+            As in `background`.
+            By default the database's best one.
         fps : float, optional
             Frame rate; by default the background's.
         crf : int
@@ -190,7 +194,9 @@ class Synthesizer:
             If a picture cannot be drawn.
         """
         if not isinstance(background, Background):
-            background = self.background(background, progress=progress)
+            background = find_background(
+                self.database, background, models=self._models, progress=progress
+            )
         rate = snap_rate(background.fps if fps is None else fps)
         pictures = self.render(selection, background=background, fps=rate, progress=progress)
         return write_video(

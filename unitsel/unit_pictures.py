@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from database.mask import cut_crop
-from database.media import probe, snap_rate
+from database.media import snap_rate
 from database.planes import Planes
 from database.reader import UnitDatabase
 from database.track import frame_count
-from render.background import Background, playback_indices, stream_frames
+from render.background import Background
 from render.blend import BlendShape, blend_alpha, ring_weights
 from render.compose import apply_gain, composite, fit_gain
+from render.playback import Playback
 from render.scene import Scene
 from unitsel.select import Selection
 
@@ -59,17 +60,17 @@ class UnitPictures:
     ) -> Iterator[Planes]:
         """Draw a selection; see `Synthesizer.render`."""
         db = self._database
-        info = probe(background.path)
-        camera = db.camera.scaled_to(info.width, info.height)
         rate = float(snap_rate(background.fps if fps is None else fps))
         n = frame_count(selection.duration, rate)
         units = selection.at_rate(rate, n)
-        places = playback_indices(len(background), n, background.fps, rate)
         patch = db.mask.patch
         gain: npt.NDArray[np.float64] | None = None
-        with Scene(info.width, info.height, patch, camera, self._alpha) as scene:
-            for i, frame in enumerate(stream_frames(background, places)):
-                pose = background.poses.matrix(int(places[i]))
+        with (
+            Playback(background, rate, patch, db.camera, length=n) as played,
+            Scene(played.width, played.height, patch, played.camera, self._alpha) as scene,
+        ):
+            for i, frame in zip(range(n), played, strict=False):
+                pose, camera = frame.pose, played.camera
                 unit = int(units[i])
                 crop = db.picture(unit)
                 fitted = fit_gain(cut_crop(frame.rgb, patch, pose, camera), crop, self._ring)
@@ -79,6 +80,6 @@ class UnitPictures:
                 else:
                     gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * fitted
                 layer = scene.draw(apply_gain(crop, gain), pose)
-                yield composite(frame.planes, layer, info.colour)
+                yield composite(frame.planes, layer, played.colour)
                 if progress is not None:
                     progress("rendering", i + 1, n)

@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from database.errors import MediaError
-from database.media import probe
+from database.photo import frame_format
 from database.planes import Planes
 from database.sound import Sound
 from database.video_writer import VideoWriter
@@ -65,7 +65,7 @@ def write_video(
         If sound or video cannot be read or written.
     """
     _refuse_own_input(Path(path), background, audio)
-    info = probe(background)
+    info = frame_format(background)
     with VideoWriter(
         path, info.width, info.height, rate, audio, colour=info.colour, crf=crf
     ) as video:

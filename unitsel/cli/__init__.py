@@ -19,6 +19,7 @@ COMMANDS: Final = {
     "say": "make the person of a database say a text",
     "dub": "make the person of a database say what a recording says",
     "synth": "make the person of a database say a timing file",
+    "backgrounds": "list, rank, add and remove videos that the mouth is laid on",
     "align": "align the sound of a media file to its words",
     "inspect": "counts, visemes covered, sequences, pictures of mouths",
     "doctor": "examine footage or a database, and say what to record next",

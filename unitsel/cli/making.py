@@ -51,7 +51,9 @@ def add_making(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--background",
         metavar="VIDEO",
-        help="video of the person (default: the steadiest clip that the database was built from)",
+        action="append",
+        help="video or photo of the person, or the name of one that `unitsel backgrounds` lists; "
+        "several are joined (default: the first of that list)",
     )
     parser.add_argument(
         "--fps", type=positive_number, metavar="F", help="frame rate (default: the background's)"

@@ -229,7 +229,12 @@ class Evaluator:
                     graph = graphs[chosen.guide].with_share(chosen.guided)
                 else:
                     graph = graphs[chosen.guide] = target_graph(
-                        self.source, target.track, exclude_sequences, chosen, target.sound
+                        self.source,
+                        target.track,
+                        exclude_sequences,
+                        chosen,
+                        target.sound,
+                        settings.lips,
                     )
                 found[settings] = select_path(self.source, graph, settings.weights)
             selections[method] = found[settings]
@@ -298,7 +303,8 @@ def compared_settings(
     ----------
     database : UnitDatabase
     chosen : SelectionSettings
-        They stand for their own target cost too, and their constants of the costs go for all.
+        They stand for their own target cost too; their constants of the costs, and what they ask
+        of lips, go for all.
     methods : collection of str
         Names of `unitsel.settings.TARGETS`, or `ALL`; each has the weights that are our own for
         it (`unitsel.settings.settings_for`), for one target cost's weights do not suit another.
@@ -319,7 +325,9 @@ def compared_settings(
             f"{ALL}"
         )
     wanted: dict[str, SelectionSettings] = {
-        n: chosen if n == chosen.target.name else replace(settings_for(n), costs=chosen.costs)
+        n: chosen
+        if n == chosen.target.name
+        else replace(settings_for(n), costs=chosen.costs, lips=chosen.lips)
         for n in TARGETS
         if n in names
     }
