@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import cv2
 import numpy as np
@@ -121,7 +121,7 @@ def _write(database: UnitDatabase, pictures: UnitPictures, sentence: Sentence, p
     sound = None
     if info.has_sound:
         sound = read_sound(Piece(media, footage.start + first / fps), None)
-    made = pictures.draw(shown, background, fps=fps)
+    made = cast(Iterator[Planes], pictures.draw(shown, background, fps=fps))
     with VideoWriter(path, 2 * width, height + STRIP, fps, sound, colour=info.colour) as video:
         for left, right in zip(_recorded(source, fps, first, n), made, strict=True):
             video.write_planes(_joined(strip, left, right))
