@@ -109,6 +109,7 @@ def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> 
             "say",
             "dub",
             "synth",
+            "backgrounds",
             "align",
             "backgrounds",
             "inspect",
