@@ -110,6 +110,7 @@ def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> 
             "dub",
             "synth",
             "align",
+            "backgrounds",
             "inspect",
             "doctor",
             "evaluate",

@@ -26,7 +26,7 @@ from unitsel.source import SelectionInput
 from unitsel.stream_writing import write_stream
 from unitsel.streaming import UTTERANCES_AHEAD, Spoken, StreamedFrame, stream
 from unitsel.unit_pictures import UnitPictures
-from unitsel.writing import Encoding, Frame, Written, write_video
+from unitsel.writing import Encoding, Frame, Written, refuse_inputs, write_video
 
 Progress = Callable[[str, int, int], None]
 
@@ -300,7 +300,8 @@ class Synthesizer:
             eyes=eyes,
             progress=progress,
         )
-        return write_video(
+        refuse_inputs(Path(path), [part.path for part in background.more])
+        written = write_video(
             pictures,
             path,
             background=background.path,
@@ -309,6 +310,7 @@ class Synthesizer:
             encoding=encoding,
             provenance=self.provenance(encoding.comment),
         )
+        return replace(written, notes=self._pictures.notes)
 
     def write_stream(
         self,
@@ -370,7 +372,8 @@ class Synthesizer:
             eyes=eyes,
             exclude_sequences=exclude_sequences,
         )
-        return write_stream(
+        refuse_inputs(Path(path), [part.path for part in background.more])
+        written = write_stream(
             frames,
             path,
             background=background.path,
@@ -382,3 +385,4 @@ class Synthesizer:
             progress=progress,
             seconds=seconds,
         )
+        return replace(written, notes=self._pictures.notes)

@@ -65,6 +65,8 @@ class UnitPictures:
     def __init__(self, database: UnitDatabase, blend: BlendShape | None = None) -> None:
         self._database = database
         self._blend = blend
+        self.notes: tuple[str, ...] = ()
+        """What a user should know of how the last background was played."""
         # Starting OpenGL takes as long as drawing a second of video, so what is started stays.
         self._scenes: dict[Camera, Scene] = {}
         self._lock = threading.Lock()
@@ -158,6 +160,7 @@ class UnitPictures:
         with Playback(
             background, rate, self._database.mask.patch, self._database.camera, length=length
         ) as played:
+            self.notes = played.notes
             own = (played.width, played.height)
             size = own if size is None else size
             check_size(size, own, background)

@@ -86,6 +86,8 @@ class Written:
     sound_seconds : float, optional
         Length of its sound, if it has any. Less than `seconds` where a recording that was taken
         over as it is ends before the pictures do.
+    notes : tuple of str
+        What a user should know of how the background was played.
     """
 
     path: Path
@@ -95,6 +97,7 @@ class Written:
     seconds: float
     sound_copied: bool = False
     sound_seconds: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 def is_folder(path: Path) -> bool:
@@ -173,9 +176,19 @@ def write_video(
 
 
 def _refuse_own_input(output: Path, background: Path, audio: SoundInput | None) -> None:
-    """A video that replaced what it was made from could not be made again."""
-    for source in (background, audio if isinstance(audio, str | Path) else None):
-        if source is None or not (output.exists() and Path(source).exists()):
+    refuse_inputs(output, [background, *([audio] if isinstance(audio, str | Path) else [])])
+
+
+def refuse_inputs(output: Path, sources: Iterable[str | Path]) -> None:
+    """Refuse to replace what a video is made from: it could not be made again.
+
+    Raises
+    ------
+    MediaError
+        If the output is one of the sources.
+    """
+    for source in sources:
+        if not (output.exists() and Path(source).exists()):
             continue
         if output.samefile(source):
             raise MediaError(f"{output}: is an input of this video too; name another output")

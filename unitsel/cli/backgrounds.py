@@ -9,7 +9,7 @@ from typing import Any
 from database.reader import open_database
 from unitsel.background_keeping import add_backgrounds, remove_backgrounds, shape_note
 from unitsel.background_ranking import RankedBackground, rank_backgrounds
-from unitsel.cli.arguments import Commands, add_models, positive_int
+from unitsel.cli.arguments import Commands, positive_int
 from unitsel.cli.output import Output
 
 
@@ -40,7 +40,9 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     parser.add_argument(
         "--limit", type=positive_int, default=10, metavar="N", help="list so many (default: 10)"
     )
-    add_models(parser)
+    parser.add_argument(
+        "--models", metavar="DIR", help="folder with the face models (default: fetched once)"
+    )
     return parser
 
 
