@@ -83,11 +83,11 @@ class Written:
         Length of the video.
     sound_copied : bool
         Whether its sound is the recording's own packets, not encoded again.
+    notes : tuple of str
+        What a user should know of how the background was played.
     sound_seconds : float, optional
         Length of its sound, if it has any. Less than `seconds` where a recording that was taken
         over as it is ends before the pictures do.
-    notes : tuple of str
-        What a user should know of how the background was played.
     """
 
     path: Path
@@ -96,8 +96,8 @@ class Written:
     fps: float
     seconds: float
     sound_copied: bool = False
-    sound_seconds: float | None = None
     notes: tuple[str, ...] = ()
+    sound_seconds: float | None = None
 
 
 def is_folder(path: Path) -> bool:

@@ -263,9 +263,9 @@ def _made(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {told.segments} "
         f"segments, over {written.background}"
     )
+    lines = [text, *told.fallbacks, *written.notes]
     if written.notes:
         document["background_notes"] = list(written.notes)
-    lines = [text, *told.fallbacks, *written.notes]
     if sounds is not None and sounds < written.seconds - SHORT_SOUND:
         lines.append(f"the sound ends at {sounds:.2f} s, the pictures at {written.seconds:.2f} s")
     return Made(document, "\n".join(lines), settings.target.name)
