@@ -28,7 +28,7 @@ from render.morph import between_poses, flow_between, morph
 from render.similar_frames import Likeness, compare_frames
 from render.walk import Step, Ways, find_ways, forth_and_back, walk
 
-LONGEST: Final = 2000
+LONGEST: Final = 1500
 """Frames of background that a walk goes over; of longer ones the first are taken."""
 
 KEPT: Final = 2

@@ -110,9 +110,9 @@ def compare_frames(
         steps = np.diagonal(distance, 1).astype(np.float64)
         apart = np.maximum(apart, distance / _natural(steps, follows, FLOOR_LEVELS))
     flat = head.reshape(n, -1).astype(np.float32)
-    pose = _root_mean_square(flat, len(HEAD_BOX))
+    pose = np.sqrt(_mean_squares(flat, len(HEAD_BOX)))
     flat = moves.reshape(n, -1).astype(np.float32)
-    motion = _root_mean_square(flat, len(HEAD_BOX))
+    motion = np.sqrt(_mean_squares(flat, len(HEAD_BOX)))
     apart = np.maximum(apart, pose / head_step)
     found = []
     for k, seconds in enumerate(BLEND_SECONDS):
@@ -191,20 +191,24 @@ def _picture_distances(small: FloatArray, weight: FloatArray) -> tuple[FloatArra
             if size < 0.25 * weight[at].size:
                 continue
             values = (small[:, at[0], at[1]] * weight[at]).reshape(n, -1)
-            square = _root_mean_square(values - values.mean(axis=0), size) ** 2
-            squares += size * square
-            fourths += square**2
+            square = _mean_squares(values - values.mean(axis=0), size)
+            np.add(squares, size * square, out=squares)
+            np.multiply(square, square, out=square)
+            np.add(fourths, square, out=fourths)
             blocks, pixels = blocks + 1, pixels + size
     whole = np.sqrt(squares / np.float32(max(1.0, pixels)))
     by_blocks = (fourths / np.float32(max(1, blocks))) ** np.float32(0.25)
     return whole, np.asarray(by_blocks, dtype=np.float32)
 
 
-def _root_mean_square(values: FloatArray, count: float) -> FloatArray:
-    """Distance of each two rows of (n, d), its square divided by a count: (n, n)."""
-    squares = np.einsum("nd,nd->n", values, values)
-    apart = squares[:, None] + squares[None] - 2 * (values @ values.T)
-    return np.asarray(np.sqrt(np.maximum(apart, 0) / count), dtype=np.float32)
+def _mean_squares(values: FloatArray, count: float) -> FloatArray:
+    """Squared distance of each two rows of (n, d), divided by a count: (n, n)."""
+    scaled = values / np.float32(np.sqrt(count))
+    squares = np.einsum("nd,nd->n", scaled, scaled)
+    apart = (np.float32(-2) * scaled) @ scaled.T
+    apart += squares[:, None]
+    apart += squares[None]
+    return np.asarray(np.maximum(apart, 0, out=apart), dtype=np.float32)
 
 
 def _over_blend(change: FloatArray, blend: int, ends: IntArray) -> FloatArray:
