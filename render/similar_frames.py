@@ -110,9 +110,9 @@ def compare_frames(
         steps = np.diagonal(distance, 1).astype(np.float64)
         apart = np.maximum(apart, distance / _natural(steps, follows, FLOOR_LEVELS))
     flat = head.reshape(n, -1).astype(np.float32)
-    pose = np.sqrt(_mean_squares(flat, len(HEAD_BOX)))
+    pose = np.asarray(np.sqrt(_mean_squares(flat, len(HEAD_BOX))), dtype=np.float32)
     flat = moves.reshape(n, -1).astype(np.float32)
-    motion = np.sqrt(_mean_squares(flat, len(HEAD_BOX)))
+    motion = np.asarray(np.sqrt(_mean_squares(flat, len(HEAD_BOX))), dtype=np.float32)
     apart = np.maximum(apart, pose / head_step)
     found = []
     for k, seconds in enumerate(BLEND_SECONDS):
@@ -121,7 +121,7 @@ def compare_frames(
         steepest = float(np.diff(blend_weights(blend), prepend=0.0, append=1.0).max())
         shared = 0.5 * BLEND_SECONDS[0] / seconds
         change = apart * steepest + shared * motion / head_step
-        cost = _over_blend(change, blend, material.ends)
+        cost = _over_blend(change.astype(np.float32), blend, material.ends)
         found.append(Likeness(blend, cost + np.float32(SLOWNESS_COST * k)))
     return tuple(found)
 
