@@ -99,7 +99,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     # Outputs
     (_synth(out="OUT/none/o.mp4"), "OUT/none"),
     (_synth(out="OUT/o.avi"), "OUT/o.avi"),
-    (_synth(out="OUT/o"), "OUT/o"),
+    (_synth(out="OUT/o.gif"), "OUT/o.gif"),
     (("build", "IN/wordless", "-o", "OUT/none/me.h5"), "OUT/none"),
     (("build", "IN/wordless", "-o", "OUT"), "OUT"),
     (("align", *LINE, "-o", "OUT/none/o.TextGrid"), "OUT/none"),
@@ -149,7 +149,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("evaluate", "IN/db.h5", "IN/mute"), "IN/mute/clip.mp4"),
     (_synth(more=("--background", "IN/faceless/clip.mp4")), "IN/faceless/clip.mp4"),
     # Speech
-    (_say("a", "--voice", "klingon"), "voice 'klingon'"),
+    (_say("a", "--voice", "nobody"), "voice 'nobody'"),
     (_say("?! ... -"), "holds nothing that voice 'en-us' can say"),
     (_say("a", "--background", "IN/faceless/clip.mp4"), "IN/faceless/clip.mp4"),
     (("dub", "IN/db.h5", "IN/mute/clip.mp4", "IN/words.txt", "-o", "OUT/o.mp4"), "IN/mute/clip"),

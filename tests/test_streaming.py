@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -214,7 +216,7 @@ def test_sound_and_picture_of_a_written_stream_are_in_step(
     path = tmp_path / "o.mp4"
     seen: list[object] = []
     written = synthesizer.write_stream(
-        [(track, s) for s in sounds], path, fps=fps, selected=seen.append
+        [(track, s) for s in sounds], path, fps=fps, begun=seen.append
     )
     assert len(seen) == 3
     assert written.frames == frame_count(3 * track.end, written.fps)
@@ -375,3 +377,17 @@ def test_a_track_without_a_pause_is_cut_all_the_same() -> None:
     parts = pieces(drone)
     assert sum(p.end for p in parts) == pytest.approx(200)
     assert max(p.end for p in parts) <= 60 + 1e-6
+
+
+def test_what_was_shown_is_forgotten(synthesizer: Synthesizer, puppet: ModuleType) -> None:
+    """Of forty utterances only those that are being made and shown are held."""
+    short = puppet.even_track("set", 0.05, 0.1)[0]
+    held: list[weakref.ref[object]] = []
+    most = 0
+    for frame in synthesizer.stream([short] * 40):
+        if frame.utterance.index == len(held):
+            held.append(weakref.ref(frame.utterance.selection))
+            gc.collect()
+            most = max(most, sum(r() is not None for r in held))
+    assert len(held) == 40
+    assert most <= 6

@@ -87,6 +87,8 @@ if TYPE_CHECKING:
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
     from unitsel.lip_targets import LipSettings
+    from unitsel.placed import Placed
+    from unitsel.provenance import Provenance
     from unitsel.select import Fallback, Selection
     from unitsel.settings import (
         SelectionSettings,
@@ -95,11 +97,12 @@ if TYPE_CHECKING:
     )
     from unitsel.speech.spoken import Speech, speak
     from unitsel.speech_track import align_media, track_of_timing
+    from unitsel.streaming import StreamedFrame
     from unitsel.synthesizer import Synthesizer
     from unitsel.training.pareto import ParetoSettings
     from unitsel.training.result import Training, TrainingSettings
     from unitsel.training.train import train
-    from unitsel.writing import Written
+    from unitsel.writing import Encoding, Written
 
 __version__ = "0.1.0"
 
@@ -120,6 +123,7 @@ __all__ = [
     "CropSettings",
     "DatabaseError",
     "DoctorReport",
+    "Encoding",
     "Evaluation",
     "FaceError",
     "FaceSettings",
@@ -137,8 +141,10 @@ __all__ = [
     "ParetoSettings",
     "PhonemeError",
     "PhonemeTrack",
+    "Placed",
     "Planes",
     "PronunciationError",
+    "Provenance",
     "RankedBackground",
     "RenderError",
     "Selection",
@@ -147,6 +153,7 @@ __all__ = [
     "Sound",
     "Speech",
     "SpeechError",
+    "StreamedFrame",
     "Synthesizer",
     "TargetSettings",
     "TextureSettings",
@@ -220,15 +227,18 @@ _HOMES: Final = {
     "unitsel.likeness.evaluation": "Evaluation evaluate",
     "unitsel.likeness.folds": "evaluate_folds",
     "unitsel.lip_targets": "LipSettings",
+    "unitsel.placed": "Placed",
+    "unitsel.provenance": "Provenance",
     "unitsel.select": "Fallback Selection",
     "unitsel.settings": "SelectionSettings TargetSettings default_settings",
     "unitsel.speech.spoken": "Speech speak",
     "unitsel.speech_track": "align_media track_of_timing",
+    "unitsel.streaming": "StreamedFrame",
     "unitsel.synthesizer": "Synthesizer",
     "unitsel.training.pareto": "ParetoSettings",
     "unitsel.training.result": "Training TrainingSettings",
     "unitsel.training.train": "train",
-    "unitsel.writing": "Written",
+    "unitsel.writing": "Encoding Written",
 }
 """Where each public name is made; read when it is first asked for, as the libraries below take
 seconds to load, and neither a command nor a process of a build needs them all."""

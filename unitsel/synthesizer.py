@@ -323,7 +323,7 @@ class Synthesizer:
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
         exclude_sequences: Collection[int | str] = (),
-        selected: Callable[[Selection], None] | None = None,
+        begun: Callable[[Placed[Selection]], None] | None = None,
         progress: Progress | None = None,
         seconds: float | None = None,
     ) -> Written:
@@ -339,8 +339,8 @@ class Synthesizer:
             to its track.
         background, eyes, fps, encoding, exclude_sequences
             As in `write` and `stream`.
-        selected : callable, optional
-            Called with each selection, before its pictures.
+        begun : callable, optional
+            Called with each utterance, placed, before its first picture.
         progress : callable, optional
         seconds : float, optional
             Length of the whole, for the progress.
@@ -381,7 +381,7 @@ class Synthesizer:
             audio=audio,
             encoding=encoding,
             provenance=self.provenance(encoding.comment),
-            begun=None if selected is None else (lambda u: selected(u.selection)),
+            begun=begun,
             progress=progress,
             seconds=seconds,
         )

@@ -11,7 +11,7 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Final
@@ -24,7 +24,7 @@ from database.errors import RenderError
 from database.mask import Camera
 from database.media import snap_rate
 from database.pictures import Picture
-from database.planes import Planes, planes_to_rgb
+from database.planes import Planes
 from database.reader import UnitDatabase
 from database.track import frame_count
 from render.background import Background
@@ -33,18 +33,15 @@ from render.colour_transfer import ColourTransfer
 from render.compose import composite, cut_from_planes
 from render.eyes import Eyes
 from render.layer_picture import layer_picture
+from render.mouth_painter import DecodedFrame, MouthPainter
 from render.playback import Playback, PlayedFrame
 from render.scene import MouthLayer, Scene
-from render.sharpening import sharpen, sharpening_amount
 from unitsel.ahead import Ahead
 from unitsel.placed import Placed
 from unitsel.select import Selection
 from unitsel.writing import Frame
 
 Progress = Callable[[str, int, int], None]
-
-GAIN_MEMORY: Final = 0.3
-"""How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
 
 READ_AHEAD: Final = 12
 """Frames that are decoded before they are drawn."""
@@ -53,17 +50,6 @@ CROPS_KEPT: Final = 64_000_000
 """Bytes of the background's own mouths that are kept, since its frames come again."""
 
 Size = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """What a frame is drawn from."""
-
-    frame: PlayedFrame
-    planes: Planes
-    unit: int
-    crop: Picture
-    fitted: npt.NDArray[np.float32]
 
 
 class UnitPictures:
@@ -155,11 +141,11 @@ class UnitPictures:
             raise RenderError("eyes are laid on a background, and a mouth alone has none")
         drawn = self._layers(utterances, background, rate, size, eyes, length)
         with closing(drawn) as layers:
-            for ready, layer in layers:
+            for decoded, layer in layers:
                 if alpha:
-                    yield layer_picture(layer, ready.planes.width, ready.planes.height)
+                    yield layer_picture(layer, decoded.planes.width, decoded.planes.height)
                 else:
-                    yield composite(ready.planes, layer, ready.frame.colour)
+                    yield composite(decoded.planes, layer, decoded.frame.colour)
 
     def _layers(
         self,
@@ -169,47 +155,52 @@ class UnitPictures:
         size: Size | None,
         eyes: Background | None,
         length: int | None,
-    ) -> Generator[tuple[_Ready, MouthLayer], None, None]:
+    ) -> Generator[tuple[DecodedFrame, MouthLayer], None, None]:
         """The mouth of each frame, and what it was drawn from."""
-        patch = self._database.mask.patch
-        sequence = self._database.units.sequence
-        gain: npt.NDArray[np.float32] | None = None
-        amount: float | None = None
-        before: int | None = None
-        with Playback(background, rate, patch, self._database.camera, length=length) as played:
+        with Playback(
+            background, rate, self._database.mask.patch, self._database.camera, length=length
+        ) as played:
             self.notes = played.notes
             own = (played.width, played.height)
             size = own if size is None else size
             check_size(size, own, background)
-            scene = self._scene(self._database.camera.scaled_to(*size))
-            steps = self._read(utterances, played, rate, size)
+            painter = self.painter(size)
+            steps = self.decoded(utterances, played, rate, size)
             mask, camera = self._database.mask, self._database.camera
             laid = nullcontext() if eyes is None else Eyes(eyes, mask, camera, rate, *size)
             with Ahead(steps, READ_AHEAD, "reading") as ahead, laid as own_eyes:
-                for ready in ahead:
-                    if gain is None or before is None or sequence[ready.unit] != sequence[before]:
-                        gain = ready.fitted
-                    else:
-                        gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * ready.fitted
-                    before = ready.unit
-                    pose, colour = ready.frame.pose, ready.frame.colour
-                    if amount is None:
-                        seen = planes_to_rgb(ready.planes, colour)
-                        amount = sharpening_amount(scene, seen, pose, colour)
-                    crop = self._transfer.apply(sharpen(ready.crop, amount), gain)
+                for decoded in ahead:
+                    layer = painter.paint(decoded)
                     if own_eyes is not None:
-                        planes = own_eyes.lay(ready.planes, pose, colour)
-                        ready = replace(ready, planes=planes)
-                    yield ready, scene.draw(crop, pose)
+                        pose, colour = decoded.frame.pose, decoded.frame.colour
+                        planes = own_eyes.lay(decoded.planes, pose, colour)
+                        decoded = replace(decoded, planes=planes)
+                    yield decoded, layer
 
-    def _read(
+    def painter(self, size: Size) -> MouthPainter:
+        """What draws the mouths of one video, in pictures of a size."""
+        scene = self._scene(self._database.camera.scaled_to(*size))
+        return MouthPainter(scene, self._transfer, self._database.units.sequence)
+
+    def decoded(
         self,
         utterances: Iterable[Placed[Selection]],
         played: Playback,
         rate: Fraction,
         size: Size,
-    ) -> Iterator[_Ready]:
-        """Read and decode what the frames of utterances are made of."""
+    ) -> Iterator[DecodedFrame]:
+        """Read and decode what the frames of utterances are made of.
+
+        Parameters
+        ----------
+        utterances : iterable of Placed
+        played : Playback
+            The background.
+        rate : Fraction
+            Frames a second.
+        size : (width, height)
+            Of the pictures.
+        """
         crops: OrderedDict[tuple[int, int], Picture] = OrderedDict()
         for utterance in utterances:
             for unit in units_of(utterance, rate).tolist():
@@ -217,7 +208,7 @@ class UnitPictures:
                 crop = self._database.picture(unit)
                 seen = self._seen(frame, played.camera, crops)
                 fitted = self._transfer.field(seen, crop)
-                yield _Ready(frame, resized(frame.planes, size), unit, crop, fitted)
+                yield DecodedFrame(frame, resized(frame.planes, size), unit, crop, fitted)
 
     def _seen(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
@@ -85,6 +85,9 @@ class Written:
         Whether its sound is the recording's own packets, not encoded again.
     notes : tuple of str
         What a user should know of how the background was played.
+    sound_seconds : float, optional
+        Length of its sound, if it has any. Less than `seconds` where a recording that was taken
+        over as it is ends before the pictures do.
     """
 
     path: Path
@@ -94,6 +97,7 @@ class Written:
     seconds: float
     sound_copied: bool = False
     notes: tuple[str, ...] = ()
+    sound_seconds: float | None = None
 
 
 def is_folder(path: Path) -> bool:
@@ -165,9 +169,10 @@ def write_video(
                 sink.write_planes(picture)
             else:
                 sink.write_rgba(picture)
-    copied = isinstance(sink, VideoWriter) and sink.copies_sound
-    seconds = float(sink.frames / rate)
-    return Written(path, background, sink.frames, float(rate), seconds, copied)
+    written = Written(path, background, sink.frames, float(rate), float(sink.frames / rate))
+    if not isinstance(sink, VideoWriter):
+        return written
+    return replace(written, sound_copied=sink.copies_sound, sound_seconds=sink.sound_seconds)
 
 
 def _refuse_own_input(output: Path, background: Path, audio: SoundInput | None) -> None:

@@ -34,6 +34,9 @@ from unitsel.settings import SelectionSettings
 from unitsel.synthesizer import Synthesizer
 from unitsel.writing import Encoding, Written, is_folder
 
+SHORT_SOUND = 0.1
+"""Seconds that the sound may end before the pictures without a word."""
+
 
 @dataclass(frozen=True)
 class Made:
@@ -189,7 +192,7 @@ def make(
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
-                selected=told.add,
+                begun=lambda utterance: told.add(utterance.selection),
                 progress=output.progress,
                 seconds=track.end,
             )
@@ -241,6 +244,7 @@ class _Told:
 def _made(
     options: argparse.Namespace, written: Written, told: _Told, settings: SelectionSettings
 ) -> Made:
+    sounds = None if written.sound_seconds is None else round(written.sound_seconds, 4)
     document: dict[str, Any] = {
         "video": str(written.path),
         "background": str(written.background),
@@ -248,6 +252,7 @@ def _made(
         "fps": written.fps,
         "seconds": round(written.seconds, 4),
         "sound_copied": written.sound_copied,
+        "sound_seconds": sounds,
         "segments": told.segments,
         "cost": told.cost,
         "fallbacks": told.fallbacks,
@@ -258,9 +263,11 @@ def _made(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {told.segments} "
         f"segments, over {written.background}"
     )
+    lines = [text, *told.fallbacks, *written.notes]
     if written.notes:
         document["background_notes"] = list(written.notes)
-    lines = [text, *told.fallbacks, *written.notes]
+    if sounds is not None and sounds < written.seconds - SHORT_SOUND:
+        lines.append(f"the sound ends at {sounds:.2f} s, the pictures at {written.seconds:.2f} s")
     return Made(document, "\n".join(lines), settings.target.name)
 
 
