@@ -111,7 +111,6 @@ def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> 
             "synth",
             "backgrounds",
             "align",
-            "backgrounds",
             "inspect",
             "doctor",
             "evaluate",
