@@ -86,7 +86,7 @@ if TYPE_CHECKING:
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
-    from unitsel.lip_targets import LipSettings
+    from unitsel.lip_targets import RestSettings
     from unitsel.placed import Placed
     from unitsel.provenance import Provenance
     from unitsel.select import Fallback, Selection
@@ -134,7 +134,6 @@ __all__ = [
     "Interval",
     "LagSettings",
     "Lexicon",
-    "LipSettings",
     "MediaError",
     "ModelError",
     "MotionSettings",
@@ -147,6 +146,7 @@ __all__ = [
     "Provenance",
     "RankedBackground",
     "RenderError",
+    "RestSettings",
     "Selection",
     "SelectionError",
     "SelectionSettings",
@@ -226,7 +226,7 @@ _HOMES: Final = {
     "unitsel.inspection": "Inspection inspect_database",
     "unitsel.likeness.evaluation": "Evaluation evaluate",
     "unitsel.likeness.folds": "evaluate_folds",
-    "unitsel.lip_targets": "LipSettings",
+    "unitsel.lip_targets": "RestSettings",
     "unitsel.placed": "Placed",
     "unitsel.provenance": "Provenance",
     "unitsel.select": "Fallback Selection",
