@@ -10,8 +10,8 @@ clip of `unitsel backgrounds`, and the three best joined, and plays each for a m
   recording's own.
 * the share of frames that are blends, and the longest stretch that is shown a second time.
 
-The baselines are the same clips started again at their end (a cut), and played forth and back,
-which never jumps and repeats itself for as long as it lasts. `--strip FILE.png` draws the frames
+The baseline is the same clips started again at their end: a cut. The longest stretch is sought in
+the first 3000 frames. `--strip FILE.png` draws the frames
 around the worst change of each and around one that is drawn by lot; `--seconds` plays longer and
 tells the peak memory after a tenth of it and at the end.
 """

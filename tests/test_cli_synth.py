@@ -173,7 +173,7 @@ def test_sound_shorter_than_the_phones_is_followed_by_silence(
     assert found["sound_seconds"] == pytest.approx(track.end, abs=0.06)
     assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(track.end, abs=0.06)
     (note,) = found["notes"]
-    assert "the timings end at 2.70 s; the rest is silent" in note
+    assert "short.wav: lasts 2.05 s, and the timings end at 2.70 s; the rest is silent" in note
 
 
 def test_sound_longer_than_the_phones_is_told(

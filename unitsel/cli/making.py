@@ -34,6 +34,7 @@ from unitsel.settings import SelectionSettings
 from unitsel.synthesizer import Synthesizer
 from unitsel.writing import Encoding, Written, is_folder
 
+
 @dataclass(frozen=True)
 class Made:
     """A video that was made.
