@@ -34,9 +34,6 @@ from unitsel.settings import SelectionSettings
 from unitsel.synthesizer import Synthesizer
 from unitsel.writing import Encoding, Written, is_folder
 
-SHORT_SOUND = 0.1
-"""Seconds that the sound may end before the pictures without a word."""
-
 
 @dataclass(frozen=True)
 class Made:
@@ -266,8 +263,6 @@ def _made(
     lines = [text, *told.fallbacks, *written.notes]
     if written.notes:
         document["background_notes"] = list(written.notes)
-    if sounds is not None and sounds < written.seconds - SHORT_SOUND:
-        lines.append(f"the sound ends at {sounds:.2f} s, the pictures at {written.seconds:.2f} s")
     return Made(document, "\n".join(lines), settings.target.name)
 
 
