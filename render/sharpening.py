@@ -26,9 +26,9 @@ LARGEST_AMOUNT: Final = 0.5
 """No more than this: a mouth recorded smaller than it is drawn cannot be made as sharp."""
 
 BETWEEN: Final = 0.15
-"""Pixels, right and down, by which the mouth is drawn off the place that it was cut from: units come
-from other places between pixels, which loses more than none. Of GRID's built clips, units drawn
-onto other backgrounds are then as sharp as in their own recordings."""
+"""Pixels, right and down, by which the mouth is drawn off the place that it was cut from: units
+come from other places between pixels, which loses more than none. With this much, units of
+GRID's built clips are as sharp on other backgrounds as in their own recordings."""
 
 BINOMIAL: Final = np.outer([1.0, 2.0, 1.0], [1.0, 2.0, 1.0]) / 16
 
