@@ -14,6 +14,7 @@ have no recording beside them: their closures are compared with those of the rec
 silences, of 0.2 to 0.3 seconds, with pieces of the recorded silences that are as short.
 
     python benchmarks/rest_closure.py DB.h5 [--sentences 12] [--clips FOLDER] [--strips DIR]
+        [--recorded-only]
 
 `--strips` writes p, b, m and silences as pictures, a row each: real, without the costs, with them.
 The database is the one named, or in UNITSEL_BENCH_DB, else out/demo.h5 that `make demo` leaves.
@@ -369,7 +370,7 @@ def run(options: argparse.Namespace, database: UnitDatabase) -> None:
         print(f"  {i + 1} of {len(sentences)}", end="\r", file=sys.stderr)
     print(f"{len(sentences)} recorded sentences, {sum(n for _, n in real.closures)} p, b and m:")
     table({"real": real, **rows}, real)
-    spoken = typed()
+    spoken = [] if options.recorded_only else typed()
     rates = {r: {n: Row() for n in comparison.makers} for r in RATES}
     for i, sentence in enumerate(spoken):
         rate = int(sentence.name.partition(":")[0])
@@ -407,6 +408,7 @@ def main() -> int:
     parser.add_argument("--sentences", type=int, default=12)
     parser.add_argument("--clips", type=Path)
     parser.add_argument("--strips", type=Path)
+    parser.add_argument("--recorded-only", action="store_true", help="no typed sentences")
     options = parser.parse_args()
     path = Path(options.database or "out/demo.h5")
     if not path.is_file():

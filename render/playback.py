@@ -7,6 +7,7 @@ few frames (`render.morph`).
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from render.morph import between_poses, flow_between, morph
 from render.similar_frames import Likeness, compare_frames
 from render.walk import Step, Ways, find_ways, forth_and_back, walk
 
-LONGEST: Final = 2000
+LONGEST: Final = 1500
 """Frames of background that a walk goes over; of longer ones the first are taken."""
 
 KEPT: Final = 2
@@ -209,6 +210,8 @@ class _Known:
 _known: OrderedDict[bytes, _Known] = OrderedDict()
 """Of the backgrounds played last: comparing their frames again would delay a first frame."""
 
+_lock = threading.Lock()
+
 
 def _ways_of(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
@@ -219,10 +222,14 @@ def _ways_of(
         digest.update(repr((part.path, changed, part.fps, part.first, part.start)).encode())
         digest.update(part.poses.rotations.tobytes() + part.poses.translations.tobytes())
     key = digest.digest()
-    if key not in _known:
+    with _lock:
+        known = _known.get(key)
+    if known is None:
         likeness = compare_frames(material, frames, patch, camera)
-        _known[key] = _Known(likeness, find_ways(material, likeness))
+        known = _Known(likeness, find_ways(material, likeness))
+    with _lock:
+        _known[key] = known
+        _known.move_to_end(key)
         while len(_known) > KEPT:
             _known.popitem(last=False)
-    _known.move_to_end(key)
-    return _known[key]
+    return known

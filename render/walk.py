@@ -183,9 +183,10 @@ def _ways_within(material: Material, likeness: Sequence[Likeness], most: float) 
     last = bool(np.isfinite(cost[material.part == material.part[-1]]).any())
     leave, column = np.nonzero(np.isfinite(cost))
     size = max(1.0, WAY_SIZE * material.fps)
-    different = np.unique(np.stack([leave, column % n], axis=1) // size, axis=0)
+    cells = np.zeros((int(n / size) + 1, int(n / size) + 1), dtype=bool)
+    cells[(leave / size).astype(int), (column % n / size).astype(int)] = True
     blends = tuple(one.blend for one in likeness)
-    return Ways(blends, entered, cost, ahead[stayed], last, len(different))
+    return Ways(blends, entered, cost, ahead[stayed], last, int(cells.sum()))
 
 
 def stay_frames(material: Material) -> int:

@@ -149,7 +149,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("evaluate", "IN/db.h5", "IN/mute"), "IN/mute/clip.mp4"),
     (_synth(more=("--background", "IN/faceless/clip.mp4")), "IN/faceless/clip.mp4"),
     # Speech
-    (_say("a", "--voice", "klingon"), "voice 'klingon'"),
+    (_say("a", "--voice", "nosuchvoice"), "voice 'nosuchvoice'"),
     (_say("?! ... -"), "holds nothing that voice 'en-us' can say"),
     (_say("a", "--background", "IN/faceless/clip.mp4"), "IN/faceless/clip.mp4"),
     (("dub", "IN/db.h5", "IN/mute/clip.mp4", "IN/words.txt", "-o", "OUT/o.mp4"), "IN/mute/clip"),

@@ -18,7 +18,6 @@ from PIL import Image
 from database.media import probe
 from database.timing import Timing, write_timing
 from database.track import PhonemeTrack
-from unitsel.cli import NAMES, command_modules
 from unitsel.pieces import LONG, pieces
 
 Run = Callable[..., tuple[int, str, str]]
@@ -29,10 +28,6 @@ def timing(puppet: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
     path = tmp_path_factory.mktemp("timing") / "say.TextGrid"
     write_timing(path, Timing(puppet.even_track("set blue", 0.1, 0.3)[0], None))
     return path
-
-
-def test_every_command_is_loaded_by_its_name() -> None:
-    assert [m.__name__ for m in command_modules()] == [f"unitsel.cli.{n}" for n in NAMES]
 
 
 def test_options_reach_the_file(run: Run, puppet_db: Path, timing: Path, tmp_path: Path) -> None:

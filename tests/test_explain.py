@@ -202,7 +202,7 @@ def test_summary_adds_up_to_the_path_cost(
     assert float(rows["VC_avg"][0]) == pytest.approx(vc_avg(pca, *place), rel=1e-4)
     assert float(rows["TC_avg"][0]) == pytest.approx(tc_avg(selection.costs.target), rel=1e-4)
     assert rows["weights"] == ["target 2, concatenation 0.5"]
-    assert rows["lips"] == ["rest 2, closure 4"]
+    assert rows["lips"] == ["rest 1.5, closure 4"]
     assert "TC_avg: rest and closure of lips" in rows
 
 

@@ -79,7 +79,7 @@ class LipSettings:
         If a number cannot be used.
     """
 
-    rest: float = 2.0
+    rest: float = 1.5
     closure: float = 4.0
     after: float = 0.1
     before: float = 0.4

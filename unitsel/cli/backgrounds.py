@@ -17,7 +17,7 @@ def add(commands: Commands) -> argparse.ArgumentParser:
     """Describe the command."""
     parser = commands.add_parser(
         "backgrounds",
-        help="list, add and remove the videos that the mouth is laid on",
+        help="list, rank, add and remove videos that the mouth is laid on",
         description="List what the mouth can be laid on, the best first: a mouth at rest, steady "
         "light, a head that moves as is typical. Videos that are added come before the clips that "
         "the database was built from, photos last; the first that is there is the default.",
