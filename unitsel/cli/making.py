@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from database.errors import SelectionError
+from database.errors import RenderError, SelectionError
 from database.reader import UnitDatabase, open_database
 from database.sound import Sound, read_sound
 from database.timing.words import WordTrack
@@ -109,6 +109,8 @@ def check_making(options: argparse.Namespace) -> None:
     if not is_folder(Path(options.output)):
         check_output(options.output, tuple(CONTAINERS))
     _encoding(options).check(Path(options.output))
+    if options.alpha and options.eyes is not None:
+        raise RenderError("--eyes lays eyes on a background, and --alpha writes no background")
     if options.explain is not None:
         check_output(options.explain, (".html", ".htm"))
 
