@@ -1,0 +1,142 @@
+"""The Talk Mask laid over a photo's face (Image Talk, section 5.2), without a hand's touch.
+
+Most vertices are the face mesh's. The lips are those of `analysis.portrait_lips`, and what is
+around them moves along, less with distance. The rings around the face are the generic mask's,
+stretched as the face is, and cut at the photo's edges.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.portrait_lips import LipCurves, LipEdgeSettings, curves_of, find_lips
+from database.mask import INNER_LIPS as MESH_INNER
+from database.mask import OUTER_LIPS as MESH_OUTER
+from database.portrait_mesh import (
+    FRAME,
+    GENERIC,
+    HEAD,
+    INNER_CORNERS,
+    INNER_LIPS,
+    LOWER_INNER,
+    MESH_INDEX,
+    MOUTH_CORNERS,
+    N_MASK,
+    OUTER_LIPS,
+    UPPER_INNER,
+)
+from database.talk_mask import TalkMask
+
+F64 = npt.NDArray[np.float64]
+
+OPEN: Final = 0.05
+"""Distance of the mesh's inner lips, in mouth widths, from which a mouth counts as open. Closed
+ones have up to 0.04 on it."""
+
+FALLOFF: Final = 0.12
+"""Units: how far around the lips the skin follows when their points are put right."""
+
+LIP_SKIN: Final = 0.5
+"""Units beyond which nothing follows."""
+
+BEYOND: Final = 0.05
+"""Units that the rings keep outside the face where the photo ends."""
+
+
+def fit_mask(
+    picture: npt.NDArray[np.uint8],
+    mesh: npt.NDArray[np.floating],
+    settings: LipEdgeSettings | None = None,
+) -> TalkMask:
+    """Lay the mask over a face.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) uint8
+        RGB.
+    mesh : (468, 2 or 3) float
+        Face mesh in the picture.
+    settings : LipEdgeSettings, optional
+
+    Returns
+    -------
+    TalkMask
+    """
+    points = np.asarray(mesh, dtype=np.float64)[:, :2]
+    contours = points[[*MESH_OUTER, *MESH_INNER]]
+    vertices = np.where(MESH_INDEX[:, None] >= 0, points[MESH_INDEX], np.nan)
+    before = vertices.copy()
+    curves = find_lips(picture, contours, settings)
+    _place_lips(vertices, contours, curves, is_open(mesh))
+    unit = float(np.linalg.norm(points[263] - points[33]))
+    _draw_along(vertices, before, unit)
+    height, width = picture.shape[:2]
+    _place_rings(vertices, width, height)
+    return TalkMask(vertices, width, height)
+
+
+def is_open(mesh: npt.NDArray[np.floating]) -> bool:
+    """Whether the mouth of a face mesh is open."""
+    points = np.asarray(mesh, dtype=np.float64)[:, :2]
+    inner = points[list(MESH_INNER)]
+    above, below = inner[1:10], inner[:10:-1]
+    gap = np.linalg.norm(below - above, axis=1).max()
+    return bool(gap > OPEN * np.linalg.norm(points[MESH_OUTER[10]] - points[MESH_OUTER[0]]))
+
+
+def _place_lips(vertices: F64, contours: F64, curves: LipCurves, opened: bool) -> None:
+    """Put the lips' vertices on the curves, each as far along as it was on the mesh's."""
+    old = curves_of(contours)
+    upper = np.concatenate([OUTER_LIPS[:11]])
+    lower = np.concatenate([OUTER_LIPS[:1], OUTER_LIPS[:9:-1]])
+    was = {int(v): vertices[v].copy() for v in (*OUTER_LIPS, *INNER_LIPS)}
+    for row, before, after in ((upper, old.upper, curves.upper), (lower, old.lower, curves.lower)):
+        vertices[row] = _along(np.array([was[int(v)] for v in row]), before, after)
+    vertices[MOUTH_CORNERS] = (curves.upper[[0, -1]] + curves.lower[[0, -1]]) / 2
+    if opened:
+        return
+    seam = np.stack([was[int(v)] for v in INNER_LIPS])
+    above, below = seam[:9], np.concatenate([seam[:1], seam[:7:-1]])
+    row = _along((above + below) / 2, old.seam, curves.seam)
+    vertices[INNER_CORNERS] = row[[0, -1]]
+    vertices[UPPER_INNER] = vertices[LOWER_INNER] = row[1:-1]
+
+
+def _along(points: F64, old: F64, new: F64) -> F64:
+    """Points near one curve, moved to the same places along another."""
+    axis = old[-1] - old[0]
+    place = np.clip((points - old[0]) @ axis / (axis @ axis), 0, 1)
+    axis = new[-1] - new[0]
+    at = (new - new[0]) @ axis / (axis @ axis)
+    return np.stack([np.interp(place, at, new[:, k]) for k in (0, 1)], axis=-1)
+
+
+def _draw_along(vertices: F64, before: F64, unit: float) -> None:
+    """Move what is around the lips as they were moved, less and less outwards."""
+    moved = vertices[OUTER_LIPS] - before[OUTER_LIPS]
+    for v in range(N_MASK):
+        if MESH_INDEX[v] < 0 or v in OUTER_LIPS or v in INNER_LIPS:
+            continue
+        away = np.linalg.norm(before[OUTER_LIPS] - before[v], axis=1) / unit
+        nearest = float(away.min())
+        if nearest < LIP_SKIN:
+            near = np.exp(-(((away - nearest) / FALLOFF) ** 2))
+            share = np.exp(-((nearest / FALLOFF) ** 2))
+            vertices[v] = before[v] + share * (near @ moved) / near.sum()
+
+
+def _place_rings(vertices: F64, width: int, height: int) -> None:
+    """The rings around the face, from the generic mask stretched over it."""
+    known = MESH_INDEX >= 0
+    model = np.column_stack([GENERIC, np.ones(N_MASK)])
+    solved, *_ = np.linalg.lstsq(model[known], vertices[known], rcond=None)
+    ring = np.concatenate([HEAD, FRAME])
+    vertices[ring] = model[ring] @ solved
+    unit = float(np.linalg.norm(solved[0]))
+    face = vertices[known]
+    low = np.minimum(0, face.min(axis=0) - BEYOND * unit)
+    high = np.maximum((width - 1, height - 1), face.max(axis=0) + BEYOND * unit)
+    vertices[ring] = np.clip(vertices[ring], low, high)
