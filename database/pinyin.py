@@ -8,7 +8,7 @@ medial y or w. `split` undoes these rules of spelling, so that what is left are 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from database.errors import PronunciationError
@@ -132,3 +132,12 @@ class TimedSyllable:
     pinyin: str
     tone: int
     onset: float
+
+    def later(self, seconds: float) -> TimedSyllable:
+        """The same syllable, so much later."""
+        return replace(
+            self,
+            start=self.start + seconds,
+            end=self.end + seconds,
+            onset=self.onset + seconds,
+        )
