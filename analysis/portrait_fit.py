@@ -32,9 +32,12 @@ from database.talk_mask import TalkMask
 
 F64 = npt.NDArray[np.float64]
 
-OPEN: Final = 0.05
-"""Distance of the mesh's inner lips, in mouth widths, from which a mouth counts as open. Closed
-ones have up to 0.04 on it."""
+OPEN: Final = 0.12
+"""Distance of the mesh's inner lips, in mouth widths, from which a mouth counts as open. On closed
+ones it may be 0.11: the mesh takes shine and shadow of full lips for their edges."""
+
+THINNEST: Final = 0.012
+"""Units: a lip is nowhere thinner than this, the corners' ends apart."""
 
 FALLOFF: Final = 0.12
 """Units: how far around the lips the skin follows when their points are put right."""
@@ -97,12 +100,39 @@ def _place_lips(vertices: F64, contours: F64, curves: LipCurves, opened: bool) -
         vertices[row] = _along(np.array([was[int(v)] for v in row]), before, after)
     vertices[MOUTH_CORNERS] = (curves.upper[[0, -1]] + curves.lower[[0, -1]]) / 2
     if opened:
+        _keep_inside(vertices, curves)
         return
     seam = np.stack([was[int(v)] for v in INNER_LIPS])
     above, below = seam[:9], np.concatenate([seam[:1], seam[:7:-1]])
     row = _along((above + below) / 2, old.seam, curves.seam)
     vertices[INNER_CORNERS] = row[[0, -1]]
     vertices[UPPER_INNER] = vertices[LOWER_INNER] = row[1:-1]
+    _keep_inside(vertices, curves)
+
+
+def _keep_inside(vertices: F64, curves: LipCurves) -> None:
+    """Keep the inner lips apart from the outer edges, so that no triangle is turned over."""
+    left, right = vertices[MOUTH_CORNERS]
+    x = (right - left) / np.linalg.norm(right - left)
+    frame = np.array([x, [-x[1], x[0]]])
+    inner = (vertices[INNER_LIPS] - left) @ frame.T
+    edges = [(c - left) @ frame.T for c in (curves.upper, curves.lower)]
+    end = float(np.linalg.norm(right - left))
+    thin = THINNEST / 0.55 * end
+    inner[:, 0] = np.clip(inner[:, 0], 1.5 * thin, end - 1.5 * thin)
+    above, below = (np.interp(inner[:, 0], e[:, 0], e[:, 1]) for e in edges)
+    # Towards the corners the lips end, and so does what is kept of them.
+    kept = np.minimum(thin, (below - above) / 3)
+    inner[:, 1] = np.clip(inner[:, 1], above + kept, np.maximum(below - kept, above + kept))
+    vertices[INNER_LIPS] = inner @ frame + left
+    # The edges run into the corners above and below the line that ends there, not along it.
+    for corner, inside, above_it, below_it in ((0, 20, 1, 19), (10, 28, 9, 11)):
+        a, b = ((vertices[v] - left) @ frame.T for v in (corner, inside))
+        for v, side in ((above_it, -1), (below_it, 1)):
+            at = (vertices[v] - left) @ frame.T
+            line = a[1] + (b[1] - a[1]) * (at[0] - a[0]) / (b[0] - a[0])
+            at[1] = side * max(side * at[1], side * line + thin / 3)
+            vertices[v] = at @ frame + left
 
 
 def _along(points: F64, old: F64, new: F64) -> F64:

@@ -151,7 +151,7 @@ class Scene:
         self.camera = camera
         vertices, indices = _mesh(patch, alpha)
         self._corners = vertices[np.unique(indices), :3]
-        self._context = _start_opengl()
+        self._context = start_opengl()
         self._framebuffer: Any = None
         with self._context as context:
             self._program = context.program(
@@ -296,7 +296,14 @@ class Scene:
             self._framebuffer = None
 
 
-def _start_opengl() -> Any:
+def start_opengl() -> Any:
+    """A context of OpenGL 3.3 through EGL, without a window.
+
+    Raises
+    ------
+    RenderError
+        If there is none, with what to install.
+    """
     # The default backend wants an X display.
     settings: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 330}
     try:
