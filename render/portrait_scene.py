@@ -10,6 +10,7 @@ the box's corner; row 0 is the top one. Edges are smoothed by several samples a 
 
 from __future__ import annotations
 
+import threading
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -55,7 +56,7 @@ GENERIC_MOUTH: Final = 0.486
 
 
 class PortraitScene:
-    """A photo's face in its mask; a context manager.
+    """A photo's face in its mask; a context manager. Any thread may draw.
 
     Parameters
     ----------
@@ -85,6 +86,7 @@ class PortraitScene:
         self._skull = _Skull(mask)
         self._base = np.ascontiguousarray(picture)
         x0, y0, box_width, box_height = self.box
+        self._lock = threading.Lock()
         self._context = start_opengl()
         with self._context as context:
             self._skin = context.program(vertex_shader=SKIN_VERTEX, fragment_shader=SKIN_FRAGMENT)
@@ -153,6 +155,10 @@ class PortraitScene:
 
     def release(self) -> None:
         """Give back everything that OpenGL holds; a second call does nothing."""
+        with self._lock:
+            self._release()
+
+    def _release(self) -> None:
         if self._context is None:
             return
         with self._context:
@@ -196,8 +202,6 @@ class PortraitScene:
             If the displacements are not those of a mask or not finite, or the scene was
             released.
         """
-        if self._context is None:
-            raise RenderError("the scene was released; make another to draw more")
         given = np.asarray(displacements, dtype=np.float64)
         if given.shape != (N_MASK, 2) or not np.isfinite([given.sum(), jaw, tongue]).all():
             raise RenderError(
@@ -205,10 +209,18 @@ class PortraitScene:
             )
         moved = self._rest + np.where(self.mask.free[:, None], self.mask.to_pixels(given), 0.0)
         turn = self._skull.motion(moved)
-        places = self._places
+        places = self._places.copy()
         places[4 : 4 + N_MASK] = self._eyes(moved, turn)
         places[4 + N_MASK :] = moved
         strip = self._skull.strip(moved)
+        with self._lock:
+            if self._context is None:
+                raise RenderError("the scene was released; make another to draw more")
+            data = self._drawn(places, strip, turn, jaw, tongue)
+        height, width = self.box[3], self.box[2]
+        return np.frombuffer(data, dtype=np.uint8).reshape(height, width, 3)
+
+    def _drawn(self, places: F32, strip: F32 | None, turn: F64, jaw: float, tongue: float) -> bytes:
         width, height = self.box[2:]
         with self._context:
             self._position.write(places.tobytes())
@@ -225,8 +237,8 @@ class PortraitScene:
                 self._inside.render(moderngl.TRIANGLE_STRIP)
             self._face.render(moderngl.TRIANGLES)
             self._context.copy_framebuffer(self._target, self._smooth)
-            data = self._target.read((0, 0, width, height), components=3, alignment=1)
-        return np.frombuffer(data, dtype=np.uint8).reshape(height, width, 3)
+            data: bytes = self._target.read((0, 0, width, height), components=3, alignment=1)
+        return data
 
     def picture(
         self,
