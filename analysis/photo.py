@@ -126,7 +126,7 @@ def _in_colour(image: Image.Image, notes: list[str]) -> Image.Image:
     grey = image.mode in ("1", "L", "LA")
     if image.mode in ("LA", "PA", "RGBA", "La", "RGBa") or "transparency" in image.info:
         image = image.convert("RGBA")
-        if image.getextrema()[3] != (255, 255):
+        if image.getchannel("A").getextrema() != (255, 255):
             notes.append("laid on white where it is transparent")
         paper = Image.new("RGBA", image.size, (*PAPER, 255))
         image = Image.alpha_composite(paper, image)

@@ -34,6 +34,9 @@ CREASE_FOLLOWS = 0.35
 LOWER_LID_RISES = 0.12
 """What the lower lid does of the way when an eye shuts."""
 
+FLAT = 1e-4
+"""Twice the area, in units, that a triangle may be turned over by and still count as flat."""
+
 
 @dataclass(frozen=True)
 class TalkMask:
@@ -149,4 +152,5 @@ class TalkMask:
         triangles = np.concatenate([SKIN_TRIANGLES, EYE_TRIANGLES])
         a, b, c = (self.vertices[triangles[:, k]] for k in range(3))
         u, v = b - a, c - a
-        return int((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] < 0).sum())
+        area = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / self.unit**2
+        return int((area < -FLAT).sum())

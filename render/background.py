@@ -7,8 +7,8 @@ ones are cut; shorter ones are played forth and back, so that the head never jum
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -45,6 +45,10 @@ class Background:
         Head pose of each frame from there on.
     start : float
         Seconds at which the tracked piece begins in the file.
+    still : bool
+        Whether the file is a photo, which has one pose.
+    more : tuple of Background
+        Others to go on with, joined to this one; their own `more` is empty.
     """
 
     path: Path
@@ -52,11 +56,32 @@ class Background:
     first: int
     poses: Poses
     start: float = 0.0
+    still: bool = False
+    more: tuple[Background, ...] = ()
 
     @property
     def source(self) -> Piece:
         """What is to be read: the file, or the piece of it that was tracked."""
         return Piece(self.path, self.start)
+
+    @property
+    def parts(self) -> tuple[Background, ...]:
+        """The background and those joined to it, each alone."""
+        return (replace(self, more=()), *self.more)
+
+    @classmethod
+    def joined(cls, backgrounds: Sequence[Background]) -> Background:
+        """Several backgrounds as one, to be played one after another (`render.playback`).
+
+        Raises
+        ------
+        RenderError
+            If there is none.
+        """
+        parts = [part for background in backgrounds for part in background.parts]
+        if not parts:
+            raise RenderError("no background was given")
+        return replace(parts[0], more=tuple(parts[1:]))
 
     def __len__(self) -> int:
         return len(self.poses)

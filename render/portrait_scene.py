@@ -70,9 +70,7 @@ class PortraitScene:
         If OpenGL cannot be started, or the sizes do not fit one another.
     """
 
-    def __init__(
-        self, picture: npt.NDArray[np.uint8], mask: TalkMask, mouth: MouthLook
-    ) -> None:
+    def __init__(self, picture: npt.NDArray[np.uint8], mask: TalkMask, mouth: MouthLook) -> None:
         height, width = picture.shape[:2]
         if (mask.width, mask.height) != (width, height) or width % 2 or height % 2:
             raise RenderError(
@@ -103,9 +101,7 @@ class PortraitScene:
             ):
                 self._mouth[name] = tuple(colour)
             self._mouth["pixel"] = self._skull.pixel
-            self._texture = context.texture(
-                (width, height), 3, self._base.tobytes(), alignment=1
-            )
+            self._texture = context.texture((width, height), 3, self._base.tobytes(), alignment=1)
             self._texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             # Four corners of the box, the eyes' own vertices, then the mask's.
             corners = np.array(
@@ -213,7 +209,7 @@ class PortraitScene:
         places[4 : 4 + N_MASK] = self._eyes(moved, turn)
         places[4 + N_MASK :] = moved
         strip = self._skull.strip(moved)
-        x0, y0, width, height = self.box
+        width, height = self.box[2:]
         with self._context:
             self._position.write(places.tobytes())
             self._smooth.use()

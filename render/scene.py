@@ -1,4 +1,4 @@
-"""The mouth drawn where the head is (OpenGL through EGL, no window).
+"""The mouth drawn where the head is (OpenGL, no window).
 
 The patch of the mask is drawn as a triangle mesh with the unit's crop for a texture. The
 projection is that of `database.mask.project`: a crop pixel's centre (i, j) is at texture
@@ -14,6 +14,8 @@ head's place between pixels; where the crop is much finer, through mipmaps.
 
 from __future__ import annotations
 
+import sys
+import threading
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
@@ -114,7 +116,7 @@ class MouthLayer:
 
 
 class Scene:
-    """The mouth patch before a camera; a context manager.
+    """The mouth patch before a camera; a context manager. Any thread may draw.
 
     Parameters
     ----------
@@ -151,6 +153,7 @@ class Scene:
         self.camera = camera
         vertices, indices = _mesh(patch, alpha)
         self._corners = vertices[np.unique(indices), :3]
+        self._lock = threading.Lock()
         self._context = start_opengl()
         self._framebuffer: Any = None
         with self._context as context:
@@ -188,6 +191,10 @@ class Scene:
 
     def release(self) -> None:
         """Give back everything that OpenGL holds; a second call does nothing."""
+        with self._lock:
+            self._release()
+
+    def _release(self) -> None:
         if self._context is None:
             return
         with self._context:
@@ -232,7 +239,7 @@ class Scene:
         if width <= 0 or height <= 0:
             return MouthLayer(0, 0, np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
         mipmaps = self._scale(pose) >= MIPMAP_FROM
-        with self._context:
+        with self._lock, self._context:
             framebuffer = self._framebuffer_for(width, height)
             framebuffer.use()
             framebuffer.viewport = (0, 0, width, height)
@@ -297,23 +304,25 @@ class Scene:
 
 
 def start_opengl() -> Any:
-    """A context of OpenGL 3.3 through EGL, without a window.
+    """A context without a window: through EGL on Linux, else the platform's own.
 
     Raises
     ------
     RenderError
-        If there is none, with what to install.
+        If OpenGL 3.3 cannot be started.
     """
-    # The default backend wants an X display.
-    settings: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 330}
+    settings: dict[str, Any] = {"standalone": True, "require": 330}
+    how, remedy = "", "a driver with OpenGL 3.3 is needed"
+    if sys.platform not in ("darwin", "win32"):
+        # The default backend wants an X display.
+        settings["backend"] = "egl"
+        how = "through EGL "
+        remedy = "on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri"
     try:
         return moderngl.create_context(**settings)
     except Exception as error:  # moderngl raises bare Exception, loaders OSError or ImportError.
-        raise RenderError(
-            "OpenGL cannot be started through EGL "
-            f"({str(error).splitlines()[0] if str(error) else type(error).__name__}); "
-            "on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri"
-        ) from error
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RenderError(f"OpenGL cannot be started {how}({why}); {remedy}") from error
 
 
 def _mesh(patch: MouthPatch, alpha: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int32]]:

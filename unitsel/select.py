@@ -20,6 +20,7 @@ from database.track import PhonemeTrack, frame_count
 from unitsel.costs import Weights
 from unitsel.guide import Guide, guided_costs
 from unitsel.search import SearchResult, search
+from unitsel.search.result import priced
 from unitsel.settings import SelectionSettings, TargetSettings
 from unitsel.source import SelectionInput, UnitSource
 
@@ -234,9 +235,22 @@ def select_path(
     graph: TargetGraph,
     weights: Weights,
     progress: Callable[[int, int], None] | None = None,
+    after: int | None = None,
 ) -> Selection:
     """Search the cheapest path through a graph; see `select_units`."""
-    found = search(source.space, graph.candidates, graph.target, weights, progress)
+    if after is None:
+        found = search(source.space, graph.candidates, graph.target, weights, progress)
+    else:
+        # The unit before is a frame with one candidate, which costs nothing.
+        start = np.array([after], dtype=np.int32)
+        whole = search(
+            source.space,
+            (start, *graph.candidates),
+            (np.zeros(1), *graph.target),
+            weights,
+            progress,
+        )
+        found = priced(source.space, whole.path[1:], whole.target[1:], weights)
     return Selection(found.path, source.fps, graph.duration, found, graph.fallbacks, graph)
 
 
@@ -247,6 +261,7 @@ def select_units(
     exclude_sequences: Collection[int | str] = (),
     sound: Sound | npt.NDArray[np.floating] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    after: int | None = None,
 ) -> Selection:
     """Choose a unit for each frame of a phoneme track, at least path cost.
 
@@ -264,6 +279,8 @@ def select_units(
         What is heard, for a guide that hears.
     progress : callable, optional
         Called with the frames done and the number of frames.
+    after : int, optional
+        Unit that is shown right before, which the first one is to follow from.
 
     Returns
     -------
@@ -286,7 +303,7 @@ def select_units(
             "to SelectionInput.of"
         )
     graph = target_graph(source, track, exclude_sequences, settings.target, sound)
-    return select_path(source, graph, settings.weights, progress)
+    return select_path(source, graph, settings.weights, progress, after)
 
 
 def sequence_indexes(source: SelectionInput, sequences: Collection[int | str]) -> list[int]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
+from database.fingerprint import identity
 from database.media import snap_rate
 from database.planes import Planes
 from database.reader import UnitDatabase
@@ -16,11 +18,15 @@ from render.background import Background
 from render.blend import BlendShape
 from unitsel.backgrounds import find_background
 from unitsel.costs import Weights
+from unitsel.placed import Placed
+from unitsel.provenance import Provenance
 from unitsel.select import Selection, select_units
 from unitsel.settings import SelectionSettings, default_settings
 from unitsel.source import SelectionInput
+from unitsel.stream_writing import write_stream
+from unitsel.streaming import UTTERANCES_AHEAD, Spoken, StreamedFrame, stream
 from unitsel.unit_pictures import UnitPictures
-from unitsel.writing import Written, write_video
+from unitsel.writing import Encoding, Frame, Written, write_video
 
 Progress = Callable[[str, int, int], None]
 
@@ -62,6 +68,7 @@ class Synthesizer:
         *,
         sound: Sound | None = None,
         exclude_sequences: Collection[int | str] = (),
+        after: Selection | None = None,
         progress: Progress | None = None,
     ) -> Selection:
         """Choose a recorded mouth for every frame of a phoneme track.
@@ -73,6 +80,8 @@ class Synthesizer:
             What is heard, for the target cost "sound".
         exclude_sequences : collection of int or str
             Sequences, by index or name, whose units may not be used.
+        after : Selection, optional
+            What is shown right before, so that the first mouth follows from its last.
         progress : callable, optional
 
         Returns
@@ -93,6 +102,7 @@ class Synthesizer:
             self.settings,
             sound=sound,
             exclude_sequences=exclude_sequences,
+            after=None if after is None else int(after.units[-1]),
             progress=told,
         )
 
@@ -117,12 +127,17 @@ class Synthesizer:
         """
         return find_background(self.database, video, models=self._models, progress=progress)
 
+    def provenance(self, comment: str | None = None) -> Provenance:
+        """What a video made by this synthesizer says of itself."""
+        return Provenance(self.database.path.name, identity(self.database), comment)
+
     def render(
         self,
         selection: Selection,
         *,
         background: Background | None = None,
         fps: float | Fraction | None = None,
+        size: tuple[int, int] | None = None,
         progress: Progress | None = None,
     ) -> Iterator[Planes]:
         """Draw the pictures of a selection.
@@ -134,6 +149,8 @@ class Synthesizer:
             By default the database's steadiest clip.
         fps : float, optional
             Frame rate of the pictures; by default the background's.
+        size : (width, height), optional
+            Of the pictures; by default the background's.
         progress : callable, optional
 
         Yields
@@ -148,7 +165,65 @@ class Synthesizer:
             If OpenGL cannot be started or the background cannot be read as it was tracked.
         """
         chosen = background or self.background()
-        return self._pictures.draw(selection, chosen, fps=fps, progress=progress)
+        pictures = self._pictures.draw(selection, chosen, fps=fps, size=size, progress=progress)
+        return cast(Iterator[Planes], pictures)
+
+    def stream(
+        self,
+        tracks: Iterable[Spoken],
+        *,
+        background: Background | None = None,
+        fps: float | Fraction | None = None,
+        size: tuple[int, int] | None = None,
+        alpha: bool = False,
+        look_ahead: int = UTTERANCES_AHEAD,
+        exclude_sequences: Collection[int | str] = (),
+    ) -> Generator[StreamedFrame[Selection], None, None]:
+        """Draw utterances while later ones are still arriving.
+
+        The next utterance is selected, from the last mouth of this one on, while this one is
+        drawn. The background goes on from one to the next; memory does not grow with the length.
+
+        Parameters
+        ----------
+        tracks : iterable of PhonemeTrack, or of (PhonemeTrack, Sound)
+            One an utterance; the next may be waited for. Iterated in a thread of its own.
+        background : Background, optional
+            By default the database's steadiest clip.
+        fps : float, optional
+            Frame rate; by default the background's.
+        size : (width, height), optional
+            Of the pictures; by default the background's.
+        alpha : bool
+            Draw the mouth alone, as RGB and alpha.
+        look_ahead : int
+            Utterances that are selected before they are drawn, at most.
+        exclude_sequences : collection of int or str
+            Sequences, by index or name, whose units may not be used.
+
+        Yields
+        ------
+        StreamedFrame
+            A picture, with its time in the utterances' sounds, one after another.
+
+        Raises
+        ------
+        SelectionError, RenderError, MediaError
+            As `select` and `render`, after the frames that came before.
+        """
+        chosen = background or self.background()
+        rate = snap_rate(chosen.fps if fps is None else fps)
+
+        def select(track: PhonemeTrack, sound: Sound | None, before: Selection | None) -> Selection:
+            heard = sound if self.settings.target.guide == "sound" else None
+            return self.select(
+                track, sound=heard, exclude_sequences=exclude_sequences, after=before
+            )
+
+        def draw(utterances: Iterator[Placed[Selection]]) -> Iterator[Frame]:
+            return self._pictures.draw_placed(utterances, chosen, rate, size=size, alpha=alpha)
+
+        return stream(tracks, select, draw, rate, look_ahead=look_ahead)
 
     def write(
         self,
@@ -158,24 +233,26 @@ class Synthesizer:
         audio: str | Path | Sound | None = None,
         background: Background | str | Path | None = None,
         fps: float | Fraction | None = None,
-        crf: int = 18,
+        encoding: Encoding | None = None,
         progress: Progress | None = None,
     ) -> Written:
-        """Render a selection into an mp4 (H.264, AAC).
+        """Render a selection into a file.
 
         Parameters
         ----------
         selection : Selection
         path : path
-            Written beside and renamed when complete.
+            Written beside and renamed when complete. The suffix says the container: .mp4, .webm,
+            .mov, .mkv; a name without one is a folder of numbered PNG pictures.
         audio : path or Sound, optional
-            Sound of the video, cut or lengthened by silence to the selection's length.
+            Sound of the video. A file's is taken over as it is where the container allows, and
+            ends with the selection; else it is encoded, cut or lengthened to that length.
         background : Background or path, optional
             By default the database's steadiest clip.
         fps : float, optional
             Frame rate; by default the background's.
-        crf : int
-            Quality of the encoder; 18 is hard to tell from its input.
+        encoding : Encoding, optional
+            Codec, quality, size, transparency, comment.
         progress : callable, optional
 
         Returns
@@ -189,10 +266,92 @@ class Synthesizer:
         RenderError
             If a picture cannot be drawn.
         """
+        encoding = Encoding() if encoding is None else encoding
+        encoding.check(Path(path))
         if not isinstance(background, Background):
             background = self.background(background, progress=progress)
         rate = snap_rate(background.fps if fps is None else fps)
-        pictures = self.render(selection, background=background, fps=rate, progress=progress)
+        pictures = self._pictures.draw(
+            selection,
+            background,
+            fps=rate,
+            size=encoding.size,
+            alpha=encoding.alpha,
+            progress=progress,
+        )
         return write_video(
-            pictures, path, background=background.path, rate=rate, audio=audio, crf=crf
+            pictures,
+            path,
+            background=background.path,
+            rate=rate,
+            audio=audio,
+            encoding=encoding,
+            provenance=self.provenance(encoding.comment),
+        )
+
+    def write_stream(
+        self,
+        tracks: Iterable[Spoken],
+        path: str | Path,
+        *,
+        audio: str | Path | None = None,
+        background: Background | str | Path | None = None,
+        fps: float | Fraction | None = None,
+        encoding: Encoding | None = None,
+        exclude_sequences: Collection[int | str] = (),
+        selected: Callable[[Selection], None] | None = None,
+        progress: Progress | None = None,
+        seconds: float | None = None,
+    ) -> Written:
+        """Write utterances into a file while later ones are still arriving; see `stream`.
+
+        Parameters
+        ----------
+        tracks : iterable of PhonemeTrack, or of (PhonemeTrack, Sound)
+        path : path
+            As in `write`.
+        audio : path, optional
+            Sound of the whole; by default the utterances' own, each cut or lengthened by silence
+            to its track.
+        background, fps, encoding, exclude_sequences
+            As in `write` and `stream`.
+        selected : callable, optional
+            Called with each selection, before its pictures.
+        progress : callable, optional
+        seconds : float, optional
+            Length of the whole, for the progress.
+
+        Returns
+        -------
+        Written
+
+        Raises
+        ------
+        SelectionError, RenderError, MediaError
+            As `select`, `render` and `write`; no file is left then.
+        """
+        encoding = Encoding() if encoding is None else encoding
+        encoding.check(Path(path))
+        if not isinstance(background, Background):
+            background = self.background(background, progress=progress)
+        rate = snap_rate(background.fps if fps is None else fps)
+        frames = self.stream(
+            tracks,
+            background=background,
+            fps=rate,
+            size=encoding.size,
+            alpha=encoding.alpha,
+            exclude_sequences=exclude_sequences,
+        )
+        return write_stream(
+            frames,
+            path,
+            background=background.path,
+            rate=rate,
+            audio=audio,
+            encoding=encoding,
+            provenance=self.provenance(encoding.comment),
+            begun=None if selected is None else (lambda u: selected(u.selection)),
+            progress=progress,
+            seconds=seconds,
         )

@@ -1,30 +1,66 @@
-"""Selected mouths drawn onto the frames of a background."""
+"""Selected mouths drawn onto the frames of a background.
+
+Frames are made in two steps that run side by side: reading (the background's frame, the unit's
+picture, the colour between them) goes some frames ahead of drawing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import threading
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from database.mask import cut_crop
-from database.media import probe, snap_rate
-from database.planes import Planes
+from database.errors import RenderError
+from database.mask import Camera, cut_crop, project
+from database.media import snap_rate
+from database.pictures import Picture
+from database.planes import Planes, planes_to_rgb
 from database.reader import UnitDatabase
 from database.track import frame_count
-from render.background import Background, playback_indices, stream_frames
+from render.background import Background
 from render.blend import BlendShape, blend_alpha, ring_weights
 from render.compose import apply_gain, composite, fit_gain
-from render.scene import Scene
+from render.layer_picture import layer_picture
+from render.playback import Playback, PlayedFrame
+from render.scene import MouthLayer, Scene
+from unitsel.ahead import Ahead
+from unitsel.placed import Placed
 from unitsel.select import Selection
+from unitsel.writing import Frame
 
 Progress = Callable[[str, int, int], None]
 
 GAIN_MEMORY: Final = 0.7
 """How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
+
+READ_AHEAD: Final = 12
+"""Frames that are decoded before they are drawn."""
+
+CROPS_KEPT: Final = 64_000_000
+"""Bytes of the background's own mouths that are kept, since its frames come again."""
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """What a frame is drawn from."""
+
+    frame: PlayedFrame
+    planes: Planes
+    unit: int
+    crop: Picture
+    fitted: npt.NDArray[np.float64]
 
 
 class UnitPictures:
@@ -40,6 +76,9 @@ class UnitPictures:
     def __init__(self, database: UnitDatabase, blend: BlendShape | None = None) -> None:
         self._database = database
         self._blend = blend
+        # Starting OpenGL takes as long as drawing a second of video, so what is started stays.
+        self._scenes: dict[Camera, Scene] = {}
+        self._lock = threading.Lock()
 
     @cached_property
     def _alpha(self) -> npt.NDArray[np.float32]:
@@ -55,30 +94,185 @@ class UnitPictures:
         background: Background,
         *,
         fps: float | Fraction | None = None,
+        size: Size | None = None,
+        alpha: bool = False,
         progress: Progress | None = None,
-    ) -> Iterator[Planes]:
-        """Draw a selection; see `Synthesizer.render`."""
-        db = self._database
-        info = probe(background.path)
-        camera = db.camera.scaled_to(info.width, info.height)
-        rate = float(snap_rate(background.fps if fps is None else fps))
-        n = frame_count(selection.duration, rate)
-        units = selection.at_rate(rate, n)
-        places = playback_indices(len(background), n, background.fps, rate)
-        patch = db.mask.patch
-        gain: npt.NDArray[np.float64] | None = None
-        with Scene(info.width, info.height, patch, camera, self._alpha) as scene:
-            for i, frame in enumerate(stream_frames(background, places)):
-                pose = background.poses.matrix(int(places[i]))
-                unit = int(units[i])
-                crop = db.picture(unit)
-                fitted = fit_gain(cut_crop(frame.rgb, patch, pose, camera), crop, self._ring)
-                same_clip = i > 0 and db.units.sequence[unit] == db.units.sequence[units[i - 1]]
-                if gain is None or not same_clip:
-                    gain = fitted
-                else:
-                    gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * fitted
-                layer = scene.draw(apply_gain(crop, gain), pose)
-                yield composite(frame.planes, layer, info.colour)
+    ) -> Iterator[Frame]:
+        """Draw a selection; see `Synthesizer.render` and `draw_placed`."""
+        rate = snap_rate(background.fps if fps is None else fps)
+        n = frame_count(selection.duration, float(rate))
+        whole = iter([Placed(selection, 0, 0.0, 0, n)])
+        pictures = self.draw_placed(whole, background, rate, size=size, alpha=alpha, length=n)
+        with closing(pictures):
+            for i, picture in enumerate(pictures):
+                yield picture
                 if progress is not None:
                     progress("rendering", i + 1, n)
+
+    def draw_placed(
+        self,
+        utterances: Iterable[Placed[Selection]],
+        background: Background,
+        rate: Fraction,
+        *,
+        size: Size | None = None,
+        alpha: bool = False,
+        length: int | None = None,
+    ) -> Generator[Frame, None, None]:
+        """Draw utterances one after another, the background going on through all of them.
+
+        Parameters
+        ----------
+        utterances : iterable of Placed
+            Read in another thread, some frames before they are drawn.
+        background : Background
+        rate : Fraction
+            Frames a second.
+        size : (width, height), optional
+            Of the pictures; by default the background's.
+        alpha : bool
+            Draw the mouth alone.
+        length : int, optional
+            Frames in all, where that is known.
+
+        Yields
+        ------
+        Planes, or (height, width, 4) uint8
+            The picture's planes, or the mouth's RGB and alpha, not premultiplied.
+        """
+        with closing(self._layers(utterances, background, rate, size, length)) as layers:
+            for ready, layer in layers:
+                if alpha:
+                    yield layer_picture(layer, ready.planes.width, ready.planes.height)
+                else:
+                    yield composite(ready.planes, layer, ready.frame.colour)
+
+    def _layers(
+        self,
+        utterances: Iterable[Placed[Selection]],
+        background: Background,
+        rate: Fraction,
+        size: Size | None,
+        length: int | None,
+    ) -> Generator[tuple[_Ready, MouthLayer], None, None]:
+        """The mouth of each frame, and what it was drawn from."""
+        patch = self._database.mask.patch
+        sequence = self._database.units.sequence
+        gain: npt.NDArray[np.float64] | None = None
+        before: int | None = None
+        with Playback(background, rate, patch, self._database.camera, length=length) as played:
+            own = (played.width, played.height)
+            size = own if size is None else size
+            check_size(size, own, background)
+            scene = self._scene(self._database.camera.scaled_to(*size))
+            steps = self._read(utterances, played, rate, size)
+            with Ahead(steps, READ_AHEAD, "reading") as ahead:
+                for ready in ahead:
+                    if gain is None or before is None or sequence[ready.unit] != sequence[before]:
+                        gain = ready.fitted
+                    else:
+                        gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * ready.fitted
+                    before = ready.unit
+                    layer = scene.draw(apply_gain(ready.crop, gain), ready.frame.pose)
+                    yield ready, layer
+
+    def _read(
+        self,
+        utterances: Iterable[Placed[Selection]],
+        played: Playback,
+        rate: Fraction,
+        size: Size,
+    ) -> Iterator[_Ready]:
+        """Read and decode what the frames of utterances are made of."""
+        crops: OrderedDict[tuple[int, int], Picture] = OrderedDict()
+        for utterance in utterances:
+            for unit in units_of(utterance, rate).tolist():
+                frame = next(played)
+                crop = self._database.picture(unit)
+                seen = self._seen(frame, played.camera, crops)
+                fitted = fit_gain(seen, crop, self._ring)
+                yield _Ready(frame, resized(frame.planes, size), unit, crop, fitted)
+
+    def _seen(
+        self,
+        frame: PlayedFrame,
+        camera: Camera,
+        kept: OrderedDict[tuple[int, int], Picture],
+    ) -> Picture:
+        """The background's own mouth, cut out at its pose."""
+        key = (frame.part, frame.place)
+        if not frame.blended and key in kept:
+            kept.move_to_end(key)
+            return kept[key]
+        patch = self._database.mask.patch
+        # Of the picture only the part that the mouth lies in is converted.
+        points = project(patch.grid, frame.pose, camera).reshape(-1, 2)
+        height, width = frame.planes.y.shape
+        x0, y0 = np.clip(points.min(axis=0) // 2 * 2 - 4, 0, (width - 2, height - 2)).astype(int)
+        x1, y1 = np.clip(points.max(axis=0) // 2 * 2 + 6, (x0 + 2, y0 + 2), (width, height))
+        rgb = planes_to_rgb(part_of(frame.planes, x0, y0, int(x1), int(y1)), frame.colour)
+        near = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
+        crop = cut_crop(rgb, patch, frame.pose, near)
+        if not frame.blended:
+            kept[key] = crop
+            while len(kept) * crop.nbytes > CROPS_KEPT:
+                kept.popitem(last=False)
+        return crop
+
+    def _scene(self, camera: Camera) -> Scene:
+        """The scene for a camera, started once."""
+        with self._lock:
+            if camera not in self._scenes:
+                patch = self._database.mask.patch
+                scene = Scene(camera.width, camera.height, patch, camera, self._alpha)
+                self._scenes[camera] = scene
+                weakref.finalize(self, scene.release).atexit = False
+            return self._scenes[camera]
+
+
+def units_of(utterance: Placed[Selection], rate: Fraction) -> npt.NDArray[np.int64]:
+    """Unit of each frame of an utterance, (stop - first,) int64; past its ends the nearest."""
+    selection = utterance.selection
+    middles = np.arange(utterance.first, utterance.stop) + 0.5
+    times = middles / float(rate) - utterance.start
+    # A time on the border of two frames belongs to the later one, whatever the rounding.
+    place = np.floor(times * selection.fps + 1e-9).astype(np.int64)
+    units: npt.NDArray[np.int64] = selection.units[np.clip(place, 0, len(selection.units) - 1)]
+    return units
+
+
+def check_size(size: Size, own: Size, background: Background) -> None:
+    """Refuse a size of another shape than the background's.
+
+    Raises
+    ------
+    RenderError
+        Naming a size that fits.
+    """
+    width, height = size
+    fitting = round(width * own[1] / own[0] / 2) * 2
+    if width < 2 or height < 2 or width % 2 or height % 2 or abs(height - fitting) > 2:
+        raise RenderError(
+            f"size {width}x{height}: {background.path} is {own[0]}x{own[1]}; sizes are even and of "
+            f"the same shape, such as {max(2, width // 2 * 2)}x{max(2, fitting)}"
+        )
+
+
+def resized(planes: Planes, size: Size) -> Planes:
+    """A picture in another size, the same one if it has it already."""
+    if (planes.width, planes.height) == size:
+        return planes
+    smaller = size[0] < planes.width
+    how = cv2.INTER_AREA if smaller else cv2.INTER_CUBIC
+    half = (size[0] // 2, size[1] // 2)
+    y, u, v = (
+        np.asarray(cv2.resize(plane, wanted, interpolation=how), dtype=np.uint8)
+        for plane, wanted in ((planes.y, size), (planes.u, half), (planes.v, half))
+    )
+    return Planes(y, u, v)
+
+
+def part_of(planes: Planes, x0: int, y0: int, x1: int, y1: int) -> Planes:
+    """A box of a picture, at even coordinates; views, not copies."""
+    rows, columns = slice(y0 // 2, y1 // 2), slice(x0 // 2, x1 // 2)
+    return Planes(planes.y[y0:y1, x0:x1], planes.u[rows, columns], planes.v[rows, columns])

@@ -1,4 +1,4 @@
-"""Pictures and sound into a video file."""
+"""Pictures and sound into a file, whoever drew them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,67 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from database.errors import MediaError
-from database.media import probe
+from database.photo import frame_format
+from database.picture_folder import PictureFolder, check_folder
 from database.planes import Planes
-from database.sound import Sound
-from database.video_writer import VideoWriter
+from database.sound_out import SoundInput
+from database.video_codecs import CONTAINERS, find_codec
+from database.video_writer import VideoWriter, check_place
+from unitsel.ahead import Ahead
+from unitsel.provenance import Provenance
+
+DRAWN_AHEAD: Final = 8
+"""Frames that are drawn before they are encoded."""
+
+Frame = Planes | npt.NDArray[np.uint8]
+"""A picture's planes, or (height, width, 4) RGB and alpha."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How a video is written; by default as its file's suffix suggests.
+
+    Parameters
+    ----------
+    codec : str, optional
+        h264, vp9, av1, ffv1; prores4444, vp9 or ffv1 where `alpha`.
+    crf : int, optional
+        Quality, the codec's own constant rate factor.
+    size : (width, height), optional
+        Of the pictures; by default the background's.
+    alpha : bool
+        The mouth alone, transparent around it, for laying over the background elsewhere.
+    comment : str, optional
+        For the file's tags.
+    """
+
+    codec: str | None = None
+    crf: int | None = None
+    size: tuple[int, int] | None = None
+    alpha: bool = False
+    comment: str | None = None
+
+    def check(self, path: Path) -> None:
+        """Refuse, before the work, a place or choices with which nothing can be written.
+
+        Raises
+        ------
+        MediaError
+            Naming what does not go together.
+        """
+        if is_folder(path):
+            check_folder(path)
+            if self.codec is not None or self.crf is not None:
+                raise MediaError(f"{path}: pictures in a folder have no codec and no CRF")
+            return
+        find_codec(path, self.codec, crf=self.crf, alpha=self.alpha)
+        check_place(path)
 
 
 @dataclass(frozen=True)
@@ -26,6 +81,8 @@ class Written:
     fps : float
     seconds : float
         Length of the video.
+    sound_copied : bool
+        Whether its sound is the recording's own packets, not encoded again.
     """
 
     path: Path
@@ -33,50 +90,86 @@ class Written:
     frames: int
     fps: float
     seconds: float
+    sound_copied: bool = False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a name without a suffix, or an existing folder, asks for numbered pictures."""
+    return path.suffix.lower() not in CONTAINERS and (path.suffix == "" or path.is_dir())
 
 
 def write_video(
-    pictures: Iterable[Planes],
+    pictures: Iterable[Frame],
     path: str | Path,
     *,
     background: Path,
     rate: Fraction,
-    audio: str | Path | Sound | None = None,
-    crf: int = 18,
+    audio: SoundInput | None = None,
+    encoding: Encoding | None = None,
+    provenance: Provenance | None = None,
 ) -> Written:
     """Write pictures that were drawn onto a background.
 
+    They are drawn in a thread, some frames before they are encoded.
+
     Parameters
     ----------
-    pictures : iterable of Planes
-        Of the background's size.
+    pictures : iterable of Planes, or of (height, width, 4) uint8
+        Of the encoding's size, else the background's.
     path : path
-        Written beside and renamed when complete.
+        Written beside and renamed when complete. A name without a suffix is a folder of numbered
+        pictures, which have no sound.
     background : Path
         Video whose size and colours they have.
     rate : Fraction
         Frames a second.
-    audio : path or Sound, optional
-    crf : int
+    audio : path, Sound or SoundQueue, optional
+    encoding : Encoding, optional
+    provenance : Provenance, optional
+        For the file's tags.
 
     Raises
     ------
     MediaError
         If sound or video cannot be read or written.
     """
-    _refuse_own_input(Path(path), background, audio)
-    info = probe(background)
-    with VideoWriter(
-        path, info.width, info.height, rate, audio, colour=info.colour, crf=crf
-    ) as video:
-        for planes in pictures:
-            video.write_planes(planes)
-    return Written(Path(path), background, video.frames, float(rate), video.frames / float(rate))
+    path = Path(path)
+    encoding = Encoding() if encoding is None else encoding
+    _refuse_own_input(path, background, audio)
+    form = frame_format(background)
+    width, height = encoding.size or (form.width, form.height)
+    tags = {} if provenance is None else provenance.tags()
+    sink: PictureFolder | VideoWriter
+    if is_folder(path):
+        encoding.check(path)
+        sink = PictureFolder(path, width, height, colour=form.colour, metadata=tags)
+    else:
+        sink = VideoWriter(
+            path,
+            width,
+            height,
+            rate,
+            audio,
+            colour=form.colour,
+            crf=encoding.crf,
+            codec=encoding.codec,
+            alpha=encoding.alpha,
+            metadata=tags,
+        )
+    with Ahead(pictures, DRAWN_AHEAD, "drawing") as ahead, sink:
+        for picture in ahead:
+            if isinstance(picture, Planes):
+                sink.write_planes(picture)
+            else:
+                sink.write_rgba(picture)
+    copied = isinstance(sink, VideoWriter) and sink.copies_sound
+    seconds = float(sink.frames / rate)
+    return Written(path, background, sink.frames, float(rate), seconds, copied)
 
 
-def _refuse_own_input(output: Path, background: Path, audio: str | Path | Sound | None) -> None:
+def _refuse_own_input(output: Path, background: Path, audio: SoundInput | None) -> None:
     """A video that replaced what it was made from could not be made again."""
-    for source in (background, None if isinstance(audio, Sound) else audio):
+    for source in (background, audio if isinstance(audio, str | Path) else None):
         if source is None or not (output.exists() and Path(source).exists()):
             continue
         if output.samefile(source):

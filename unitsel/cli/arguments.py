@@ -43,6 +43,21 @@ def positive_number(text: str) -> float:
     return value
 
 
+def quality(text: str) -> int:
+    """A whole number from 0 on."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 on")
+    return int(text)
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """Width and height: 720x576."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 720x576")
+    return int(width), int(height)
+
+
 def add_jobs(parser: argparse.ArgumentParser, what: str) -> None:
     """Add ``--jobs``: of `what` so many at a time."""
     parser.add_argument(

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from database.errors import SelectionError
 from database.reader import UnitDatabase, open_database
 from database.sound import Sound, read_sound
 from database.timing.words import WordTrack
 from database.track import PhonemeTrack
-from database.video_writer import SUFFIXES
+from database.video_codecs import CODEC_NAMES, CONTAINERS
 from unitsel.cli.arguments import (
     add_models,
     add_selection,
     check_output,
+    picture_size,
     positive_number,
+    quality,
     selection_settings,
 )
 from unitsel.cli.output import Output
 from unitsel.explain import explain, write_explanation
 from unitsel.likeness.measures import joins
+from unitsel.pieces import pieces, sound_part
+from unitsel.select import Fallback, Selection
 from unitsel.settings import SelectionSettings
 from unitsel.synthesizer import Synthesizer
+from unitsel.writing import Encoding, Written, is_folder
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,30 @@ def add_making(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fps", type=positive_number, metavar="F", help="frame rate (default: the background's)"
     )
+    parser.add_argument(
+        "--size",
+        type=picture_size,
+        metavar="WxH",
+        help="size of the pictures, of the background's shape (default: the background's)",
+    )
+    parser.add_argument(
+        "--codec",
+        choices=CODEC_NAMES,
+        help="video codec (default: what the suffix suggests: h264 in .mp4, vp9 in .webm)",
+    )
+    parser.add_argument(
+        "--crf",
+        type=quality,
+        metavar="N",
+        help="quality, the codec's own constant rate factor; less is better (default: 18 for h264)",
+    )
+    parser.add_argument(
+        "--alpha",
+        action="store_true",
+        help="write the mouth alone, transparent around it, for laying over the background "
+        "elsewhere: .mov, .webm, .mkv, or a folder of pictures",
+    )
+    parser.add_argument("--comment", metavar="TEXT", help="comment in the file's tags")
     add_selection(parser)
     parser.add_argument(
         "--explain",
@@ -67,7 +99,9 @@ def add_making(parser: argparse.ArgumentParser) -> None:
 
 def check_making(options: argparse.Namespace) -> None:
     """Refuse outputs that cannot be written, before the work and not after it."""
-    check_output(options.output, SUFFIXES)
+    if not is_folder(Path(options.output)):
+        check_output(options.output, tuple(CONTAINERS))
+    _encoding(options).check(Path(options.output))
     if options.explain is not None:
         check_output(options.explain, (".html", ".htm"))
 
@@ -120,41 +154,106 @@ def make(
         synthesizer = Synthesizer(database, settings, models=options.models)
         hears = settings.target.guide == "sound" and audio is not None
         sound: Sound | None = read_sound(audio) if hears and audio is not None else None
-        selection = synthesizer.select(track, sound=sound, progress=output.progress)
-        if options.explain is not None:
-            page = explain(database, track, selection, settings, words=words)
-        written = synthesizer.write(
-            selection,
-            options.output,
-            audio=audio,
-            background=options.background,
-            fps=options.fps,
-            progress=output.progress,
-        )
-        if options.explain is not None:
-            write_explanation(options.explain, page)
-        units = database.units
-        segments = 1 + int(
-            joins(units.sequence[selection.units], units.frame[selection.units]).sum()
-        )
-    fallbacks = [str(f) for f in selection.fallbacks]
-    document = {
+        told = _Told(database)
+        parts = [track] if options.explain is not None else pieces(track)
+        if len(parts) == 1:
+            selection = synthesizer.select(track, sound=sound, progress=output.progress)
+            told.add(selection)
+            if options.explain is not None:
+                page = explain(database, track, selection, settings, words=words)
+            written = synthesizer.write(
+                selection,
+                options.output,
+                audio=audio,
+                background=options.background,
+                fps=options.fps,
+                encoding=_encoding(options),
+                progress=output.progress,
+            )
+            if options.explain is not None:
+                write_explanation(options.explain, page)
+        else:
+            written = synthesizer.write_stream(
+                _spoken(parts, sound),
+                options.output,
+                audio=audio,
+                background=options.background,
+                fps=options.fps,
+                encoding=_encoding(options),
+                selected=told.add,
+                progress=output.progress,
+                seconds=track.end,
+            )
+    return _made(options, written, told, settings)
+
+
+def _spoken(
+    parts: list[PhonemeTrack], sound: Sound | None
+) -> Iterator[tuple[PhonemeTrack, Sound | None]]:
+    """Utterances of a long track, each with its part of the sound that is listened to."""
+    start = 0.0
+    for part in parts:
+        end = start + part.end
+        yield part, None if sound is None else sound_part(sound, start, end)
+        start = end
+
+
+class _Told:
+    """What is said of all selections of a video."""
+
+    def __init__(self, database: UnitDatabase) -> None:
+        self._units = database.units
+        self._last: int | None = None
+        self._fallbacks: dict[tuple[int, int, int], Fallback] = {}
+        self.segments = 0
+        self.cost = 0.0
+
+    def add(self, selection: Selection) -> None:
+        """Count a selection that follows those before."""
+        before = [] if self._last is None else [self._last]
+        units = np.concatenate([np.array(before, dtype=np.int64), selection.units])
+        sequence, frame = self._units.sequence[units], self._units.frame[units]
+        self.segments += int(joins(sequence, frame).sum()) + (self._last is None)
+        self.cost += selection.costs.cost
+        self._last = int(selection.units[-1])
+        for f in selection.fallbacks:
+            key = (f.phoneme, f.missing, f.used)
+            known = self._fallbacks.get(key)
+            self._fallbacks[key] = (
+                f if known is None else replace(f, frames=f.frames + known.frames)
+            )
+
+    @property
+    def fallbacks(self) -> list[str]:
+        """In words."""
+        return [str(f) for f in self._fallbacks.values()]
+
+
+def _made(
+    options: argparse.Namespace, written: Written, told: _Told, settings: SelectionSettings
+) -> Made:
+    document: dict[str, Any] = {
         "video": str(written.path),
         "background": str(written.background),
         "frames": written.frames,
         "fps": written.fps,
         "seconds": round(written.seconds, 4),
-        "segments": segments,
-        "cost": selection.costs.cost,
-        "fallbacks": fallbacks,
+        "sound_copied": written.sound_copied,
+        "segments": told.segments,
+        "cost": told.cost,
+        "fallbacks": told.fallbacks,
     }
     if options.explain is not None:
         document["explanation"] = options.explain
     text = (
-        f"{written.path}: {written.frames} frames at {written.fps:g} a second, {segments} "
+        f"{written.path}: {written.frames} frames at {written.fps:g} a second, {told.segments} "
         f"segments, over {written.background}"
     )
-    return Made(document, "\n".join([text, *fallbacks]), settings.target.name)
+    return Made(document, "\n".join([text, *told.fallbacks]), settings.target.name)
+
+
+def _encoding(options: argparse.Namespace) -> Encoding:
+    return Encoding(options.codec, options.crf, options.size, options.alpha, options.comment)
 
 
 def _settings(
