@@ -146,7 +146,11 @@ def shape_weights(
         inside = np.clip(at, times[0], times[-1])
         out = PchipInterpolator(times, rows, axis=0)(inside)
     out = np.clip(out, 0.0, None)
-    return np.asarray(out / out.sum(axis=1, keepdims=True), dtype=np.float64)
+    # The neutral face is what the others leave of 1.
+    others = np.delete(out, NEUTRAL, axis=1).sum(axis=1)
+    out /= np.maximum(1.0, others)[:, None]
+    out[:, NEUTRAL] = np.maximum(0.0, 1.0 - others)
+    return np.asarray(out, dtype=np.float64)
 
 
 def curve_points(
