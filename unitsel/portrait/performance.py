@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 
 from database.pinyin import TimedSyllable
 from database.portrait_mesh import FaceMotion
+from database.reader import UnitDatabase
 from database.talk_mask import TalkMask
 from database.track import PhonemeTrack
 from unitsel.portrait.driver import DriveSettings, drive
+from unitsel.portrait.retarget import lips_like
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,14 @@ class Performance:
     settings : DriveSettings
     syllables : sequence of TimedSyllable
         Mandarin's.
+    like : UnitDatabase, optional
+        Of a person whose lips move these (`unitsel.portrait.retarget`).
     """
 
     track: PhonemeTrack
     settings: DriveSettings = field(default_factory=DriveSettings)
     syllables: Sequence[TimedSyllable] = ()
+    like: UnitDatabase | None = None
 
     @property
     def duration(self) -> float:
@@ -44,6 +49,13 @@ class Performance:
         start : float
             Seconds of what was shown before.
         """
+        lips = None if self.like is None else lips_like(self.like, self.track, mask, fps)
         return drive(
-            mask, self.track, fps, self.settings, syllables=self.syllables or None, start=start
+            mask,
+            self.track,
+            fps,
+            self.settings,
+            syllables=self.syllables or None,
+            lips=lips,
+            start=start,
         )

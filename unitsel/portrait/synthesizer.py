@@ -12,6 +12,7 @@ from database.media import snap_rate
 from database.pinyin import TimedSyllable
 from database.planes import Planes
 from database.portrait_file import PortraitHead
+from database.reader import UnitDatabase
 from database.sound import Sound
 from database.track import PhonemeTrack, frame_count
 from unitsel.placed import Placed
@@ -34,11 +35,21 @@ class PortraitSynthesizer:
     head : PortraitHead
     settings : DriveSettings, optional
         How the face is driven.
+    like : UnitDatabase, optional
+        Of a person whose lips move these: units are selected for what is said, and the photo's
+        lips go as theirs did.
     """
 
-    def __init__(self, head: PortraitHead, settings: DriveSettings | None = None) -> None:
+    def __init__(
+        self,
+        head: PortraitHead,
+        settings: DriveSettings | None = None,
+        *,
+        like: UnitDatabase | None = None,
+    ) -> None:
         self.head = head
         self.settings = settings or DriveSettings()
+        self._like = like
         self._pictures = PortraitPictures(head)
 
     def select(
@@ -64,7 +75,7 @@ class PortraitSynthesizer:
         -------
         Performance
         """
-        return Performance(track, self.settings, tuple(syllables))
+        return Performance(track, self.settings, tuple(syllables), self._like)
 
     def provenance(self, comment: str | None = None) -> Provenance:
         """What a video made by this synthesizer says of itself."""
