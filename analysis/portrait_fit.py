@@ -167,6 +167,7 @@ def _place_rings(vertices: F64, width: int, height: int) -> None:
     vertices[ring] = model[ring] @ solved
     unit = float(np.linalg.norm(solved[0]))
     face = vertices[known]
-    low = np.minimum(0, face.min(axis=0) - BEYOND * unit)
-    high = np.maximum((width - 1, height - 1), face.max(axis=0) + BEYOND * unit)
+    # To the outer edges of the outer pixels.
+    low = np.minimum(-0.5, face.min(axis=0) - BEYOND * unit)
+    high = np.maximum((width - 0.5, height - 0.5), face.max(axis=0) + BEYOND * unit)
     vertices[ring] = np.clip(vertices[ring], low, high)
