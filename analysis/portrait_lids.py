@@ -32,8 +32,9 @@ LID_EDGES: Final = EdgeSettings(
 )
 """Lengths in eye widths."""
 
-MARGIN: Final = 0.015
-"""Eye widths beyond the edges, on the lashes' roots: better too much of a lid than of an eye."""
+MARGIN: Final = (0.015, 0.025)
+"""Eye widths beyond the upper and the lower edge, on the lashes' roots: better too much of a lid
+than of an eye."""
 
 _OUTER_CORNER: Final = (0.055, 0.02)
 _INNER_CORNER: Final = (0.025, 0.055)
@@ -91,10 +92,10 @@ def find_lids(
     # At the corners the lids are one, and no edge is seen.
     share = np.clip(6 * (0.5 - np.abs(np.linspace(-0.5, 0.5, SAMPLES))), 0, 1)
     found = []
-    for lid, side in zip(expected, (1, -1), strict=True):
+    for lid, side, margin in zip(expected, (1, -1), MARGIN, strict=True):
         seen = on_edge(eyeness, lid, side, settings)
         lid = lid + share[:, None] * (seen - lid)
-        found.append(back(lifted(lid, side * MARGIN * share), to_crop))
+        found.append(back(lifted(lid, side * margin * share), to_crop))
     return found[0], found[1]
 
 

@@ -28,7 +28,7 @@ from database.portrait_mesh import (
 
 F64 = npt.NDArray[np.float64]
 
-CREASE_FOLLOWS = 0.15
+CREASE_FOLLOWS = 0.3
 """How far the crease above a lid follows it down, in parts of the lid's way."""
 
 LOWER_LID_RISES = 0.12
