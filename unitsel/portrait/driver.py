@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -220,7 +220,7 @@ def mouth_weights(
     for span in sorted([*spans, *others], key=lambda s: s.start):
         start = max(span.start, merged[-1].end) if merged else span.start
         if span.end - start > 1e-3:
-            merged.append(Span(start, span.end, span.shapes, span.held))
+            merged.append(replace(span, start=start))
     return shape_weights(merged, fps, n, N_KEYS, settings.syllables)
 
 
@@ -231,7 +231,8 @@ def syllable_spans(syllables: Sequence[TimedSyllable]) -> list[Span]:
         parts = split(syllable.pinyin)
         labial = parts.initial in ("b", "p", "m", "f")
         held = syllable.onset - syllable.start if labial else 0.0
-        out.append(Span(syllable.start, syllable.end, syllable_shapes(parts), held))
+        leads = labial or not parts.initial
+        out.append(Span(syllable.start, syllable.end, syllable_shapes(parts), held, leads))
     return out
 
 
