@@ -170,8 +170,8 @@ def drive(
         moved = scale * np.tensordot(weights, MOUTH_FRAMES, axes=1)
         jaw = scale * (weights @ JAWS)
     else:
-        moved = np.array(lips.displacements[:n], dtype=np.float64)
-        jaw = np.array(lips.jaw[:n], dtype=np.float64)
+        moved = chosen.amplitude * np.asarray(lips.displacements[:n], dtype=np.float64)
+        jaw = chosen.amplitude * np.asarray(lips.jaw[:n], dtype=np.float64)
     closed = weights[:, _CLOSED]
     if chosen.emotion is not None and chosen.strength > 0:
         emotion = EMOTIONS[chosen.emotion]
