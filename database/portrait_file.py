@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import platform
 from datetime import UTC, datetime
 from functools import cached_property
@@ -63,6 +64,15 @@ class PortraitHead(DatabaseFile):
     def fps(self) -> float:
         """Frame rate of its videos where none is asked for, 1/s."""
         return FRAME_RATE
+
+    @cached_property
+    def identity(self) -> str:
+        """What tells this head from others: a checksum of photo, mask and mouth."""
+        digest = hashlib.sha256()
+        with reading(self.path):
+            for name in ("size", "photo", "vertices", "mouth"):
+                digest.update(self._read(f"portrait/{name}").tobytes())
+        return digest.hexdigest()[:16]
 
     @cached_property
     def photo(self) -> npt.NDArray[np.uint8]:

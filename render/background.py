@@ -129,6 +129,64 @@ class Background:
         return cls(Path(path), float(fps), int(numbers[run[0]]), kept, start)
 
 
+@dataclass(frozen=True)
+class Material:
+    """The frames of backgrounds that are played together, one after another, at one rate.
+
+    Parameters
+    ----------
+    parts : tuple of Background
+    fps : float
+        Rate: the first one's.
+    part, place : (n,) int64
+        Background and frame of it (as `Background.poses` counts) of each of the n frames.
+    poses : Poses of length n
+    """
+
+    parts: tuple[Background, ...]
+    fps: float
+    part: IntArray
+    place: IntArray
+    poses: Poses
+
+    def __len__(self) -> int:
+        return len(self.part)
+
+    @property
+    def ends(self) -> IntArray:
+        """End of each frame's background: the number after its last frame, (n,)."""
+        stops = np.cumsum(np.bincount(self.part))
+        return np.asarray(stops[self.part], dtype=np.int64)
+
+    @classmethod
+    def of(cls, background: Background, longest: int) -> Material:
+        """All frames of a background and those joined to it, other rates conformed to the first's.
+
+        Parameters
+        ----------
+        background : Background
+        longest : int
+            Frames that are taken at most: the first ones of each background, shared out evenly.
+        """
+        parts = background.parts
+        share = max(1, longest // len(parts))
+        part, place = [], []
+        for k, own in enumerate(parts):
+            ratio = own.fps / background.fps
+            n = min(share, max(1, int(np.floor((len(own) - 1) / ratio + 1e-6)) + 1))
+            # Halves go to the earlier frame, as in database.media.read_video.
+            at = np.ceil(np.arange(n) * ratio - 0.5 - 1e-6).astype(np.int64)
+            part.append(np.full(n, k, dtype=np.int64))
+            place.append(np.clip(at, 0, len(own) - 1))
+        poses = Poses(
+            np.concatenate([own.poses.rotations[at] for own, at in zip(parts, place, strict=True)]),
+            np.concatenate(
+                [own.poses.translations[at] for own, at in zip(parts, place, strict=True)]
+            ),
+        )
+        return cls(parts, background.fps, np.concatenate(part), np.concatenate(place), poses)
+
+
 def longest_run(numbers: npt.NDArray[np.integer]) -> tuple[int, int]:
     """Find the longest run of consecutive numbers, the first of equals.
 

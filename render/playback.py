@@ -7,11 +7,11 @@ few frames (`render.morph`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,14 @@ import numpy.typing as npt
 from database.mask import Camera, MouthPatch
 from database.media import snap_rate
 from database.planes import Colour, Planes, planes_to_rgb
-from render.background import Background
+from render.background import Background, Material
 from render.background_frames import MEMORY_LIMIT, BackgroundFrames
+from render.morph import between_poses, flow_between, morph
+from render.similar_frames import Likeness, compare_frames
+from render.walk import Step, Ways, enough, find_ways, forth_and_back, walk
+
+LONGEST: Final = 2000
+"""Frames of background that a walk goes over; of longer ones the first are taken."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,10 @@ class PlayedFrame:
         return planes_to_rgb(self.planes, self.colour)
 
 
+GoingOn = tuple[tuple[Likeness, ...], Ways, bool]
+"""Changes between frames of a background, and whether they are enough for a walk."""
+
+
 class Playback:
     """An endless iterator over a background's frames at a rate; a context manager.
 
@@ -77,6 +87,8 @@ class Playback:
         straight on.
     memory : int
         Bytes of decoded frames to keep.
+    going_on : GoingOn, optional
+        `going_on` of an earlier playback of the same background, which need not be found again.
 
     Attributes
     ----------
@@ -85,6 +97,8 @@ class Playback:
     colour : Colour
     camera : Camera
         For the frames.
+    going_on : GoingOn or None
+        How it is played on; None where it is long enough.
     notes : tuple of str
         What a user should know of how the background is played on.
 
@@ -106,16 +120,45 @@ class Playback:
         seed: int = 0,
         length: int | None = None,
         memory: int = MEMORY_LIMIT,
+        going_on: GoingOn | None = None,
     ) -> None:
-        self._parts = background.parts
-        self._ratio = background.fps / float(snap_rate(fps))
-        self._frames = BackgroundFrames(self._parts, memory)
+        self.fps = float(snap_rate(fps))
+        self._ratio = background.fps / self.fps
+        self._frames = BackgroundFrames(background.parts, memory)
         form = self._frames.format
         self.width, self.height, self.colour = form.width, form.height, form.colour
         self.camera = camera.scaled_to(form.width, form.height)
         self.notes: tuple[str, ...] = ()
+        self.going_on: GoingOn | None = None
+        steps = None if length is None else self._step_of(max(0, length - 1)) + 1
+        self._material = Material.of(background, LONGEST if steps is None else max(LONGEST, steps))
+        if background.still or (steps is not None and steps <= int(self._material.ends[0])):
+            self._steps = forth_and_back(0, int(self._material.ends[0]), 0)
+        else:
+            self._material = Material.of(background, LONGEST)
+            self._steps = self._walk(patch, seed, going_on)
         self._number = 0
-        self._patch, self._seed, self._length = patch, seed, length
+        self._taken = 0
+        self._shown: PlayedFrame | None = None
+        self._step = Step(0, 0)
+
+    def _walk(self, patch: MouthPatch, seed: int, going_on: GoingOn | None) -> Iterator[Step]:
+        if going_on is None:
+            going_on = _ways_of(self._material, self._frames, patch, self.camera)
+        self.going_on = likeness, ways, free = going_on
+        notes = []
+        if not free:
+            notes.append(
+                f"{self._material.parts[-1].path}: too short or too restless to go on unseen; it "
+                "is played forth and back"
+            )
+        self.notes = (*self.notes, *notes)
+        return walk(self._material, likeness, ways, seed, free=free)
+
+    def _step_of(self, number: int) -> int:
+        """Step of the walk that an output frame shows, nearest in time."""
+        # Halves go to the earlier frame, as in database.media.read_video.
+        return max(0, int(np.ceil(number * self._ratio - 0.5 - 1e-6)))
 
     def __enter__(self) -> Self:
         return self
@@ -134,20 +177,40 @@ class Playback:
     def __next__(self) -> PlayedFrame:
         number = self._number
         self._number += 1
-        n = len(self._parts[0])
-        # Halves go to the earlier frame, as in database.media.read_video.
-        step = int(np.ceil(number * self._ratio - 0.5 - 1e-6))
-        period = max(2 * (n - 1), 1)
-        place = min(step % period, period - step % period) if n > 1 else 0
-        return PlayedFrame(
-            number,
-            self._frames.planes(0, place),
-            self._parts[0].poses.matrix(place),
-            self.colour,
-            0,
-            place,
+        wanted = self._step_of(number)
+        while self._taken <= wanted:
+            self._step = next(self._steps)
+            self._taken += 1
+            self._shown = None
+        if self._shown is None:
+            self._shown = self._drawn(self._step)
+        return replace(self._shown, number=number)
+
+    def _drawn(self, step: Step) -> PlayedFrame:
+        planes, pose = self._own(step.frame), self._material.poses.matrix(step.frame)
+        if step.weight:
+            other = self._own(step.other)
+            flow = flow_between(planes, other)
+            planes = morph(planes, other, flow, step.weight)
+            pose = between_poses(pose, self._material.poses.matrix(step.other), step.weight)
+        nearer = step.other if step.weight > 0.5 else step.frame
+        part, place = int(self._material.part[nearer]), int(self._material.place[nearer])
+        return PlayedFrame(0, planes, pose, self.colour, part, place, step.weight > 0)
+
+    def _own(self, frame: int) -> Planes:
+        return self._frames.planes(
+            int(self._material.part[frame]), int(self._material.place[frame])
         )
 
     def close(self) -> None:
         """Close what is read and forget all frames."""
         self._frames.close()
+
+
+def _ways_of(
+    material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
+) -> GoingOn:
+    """Changes between frames, and whether they are enough for a walk."""
+    likeness = compare_frames(material, frames, patch, camera)
+    ways = find_ways(material, likeness)
+    return likeness, ways, enough(material, ways)

@@ -14,46 +14,23 @@ SKIN_VERTEX: Final = """
 #version 330
 uniform vec2 size;      // of the framebuffer
 uniform vec2 corner;    // its first pixel in the photo
-uniform vec2 photo;     // the photo's size
+uniform vec2 texels;    // of the texture, which has one more between any two pixels
 in vec2 position;       // photo pixels, centres at integers
 in vec2 origin;         // where the vertex was in the photo
 out vec2 place;
 void main() {
-    vec2 at = (position + 0.5 - corner) / size;
-    gl_Position = vec4(2.0 * at - 1.0, 0.0, 1.0);
-    place = (origin + 0.5) / photo;
+    gl_Position = vec4(2.0 * (position + 0.5 - corner) / size - 1.0, 0.0, 1.0);
+    place = (2.0 * origin + 0.5) / texels;
 }
 """
 
 SKIN_FRAGMENT: Final = """
 #version 330
 uniform sampler2D picture;
-uniform bool bicubic;
 in vec2 place;
 out vec4 colour;
-
-vec4 weights(float f) {
-    // Cubic convolution, a = -1/2 (Catmull and Rom).
-    float g = 1.0 - f;
-    return vec4(-0.5 * f * g * g,
-                1.0 + f * f * (1.5 * f - 2.5),
-                1.0 + g * g * (1.5 * g - 2.5),
-                -0.5 * g * f * f);
-}
-
 void main() {
-    ivec2 last = textureSize(picture, 0) - 1;
-    vec2 pixel = place * vec2(textureSize(picture, 0)) - 0.5;
-    ivec2 corner = ivec2(floor(pixel + 1e-4));
-    vec2 f = pixel - vec2(corner);
-    vec4 wx = weights(f.x);
-    vec4 wy = weights(f.y);
-    vec3 sum = vec3(0.0);
-    for (int j = 0; j < 4; ++j)
-        for (int i = 0; i < 4; ++i)
-            sum += wx[i] * wy[j]
-                * texelFetch(picture, clamp(corner + ivec2(i - 1, j - 1), ivec2(0), last), 0).rgb;
-    colour = vec4(clamp(sum, 0.0, 1.0), 1.0);
+    colour = texture(picture, place);
 }
 """
 
@@ -154,6 +131,8 @@ void main() {
 
     // What is deepest is hardly lit where the lips are only just apart.
     sum *= mix(0.45, 1.0, smoothstep(0.0, 0.05, open));
-    colour = vec4(clamp(sum / 255.0, 0.0, 1.0), 1.0);
+    // A pixel at a lip's edge is partly the lip's.
+    float inside = clamp(lips.x / pixel, 0.0, 1.0) * clamp(lips.y / pixel, 0.0, 1.0);
+    colour = vec4(clamp(sum / 255.0, 0.0, 1.0), inside);
 }
 """

@@ -10,10 +10,22 @@ from typing import NoReturn
 
 import unitsel
 from database.errors import UnitselError
-from unitsel.cli import align, build, doctor, dub, evaluate, inspect, merge, say, synth, train
+from unitsel.cli import (
+    align,
+    build,
+    doctor,
+    dub,
+    evaluate,
+    inspect,
+    merge,
+    portrait,
+    say,
+    synth,
+    train,
+)
 from unitsel.cli.output import Output
 
-COMMANDS = (build, merge, say, dub, synth, align, inspect, doctor, evaluate, train)
+COMMANDS = (build, merge, portrait, say, dub, synth, align, inspect, doctor, evaluate, train)
 
 USAGE_ERROR = 2
 """Exit status of bad input."""

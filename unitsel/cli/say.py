@@ -70,7 +70,14 @@ def run(options: argparse.Namespace, output: Output) -> None:
             dictionary=options.dictionary,
         )
         audio = speech.sound if isinstance(speech.sound, Path) else None
-        made = make(options, output, speech.track, audio=audio, words=speech.words)
+        made = make(
+            options,
+            output,
+            speech.track,
+            audio=audio,
+            words=speech.words,
+            syllables=speech.syllables,
+        )
     document = made.document | told(speech)
     if options.audio_out is not None:
         document["audio"] = options.audio_out

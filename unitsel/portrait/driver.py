@@ -139,6 +139,7 @@ def drive(
     *,
     syllables: Sequence[TimedSyllable] | None = None,
     lips: LipMotion | None = None,
+    start: float = 0.0,
 ) -> FaceMotion:
     """Have a face say a phoneme track.
 
@@ -154,6 +155,8 @@ def drive(
         Mandarin's (`Speech.syllables`), whose mouths replace those of the phonemes at their times.
     lips : LipMotion, optional
         Lips of each frame, in place of key frames.
+    start : float
+        Seconds that the face has lived before: its life goes on from one utterance to the next.
 
     Returns
     -------
@@ -162,7 +165,6 @@ def drive(
     """
     chosen = settings or DriveSettings()
     n = frame_count(track.end, fps)
-    random = np.random.default_rng(chosen.seed)
     weights = mouth_weights(track, fps, n, chosen, syllables)
     # Sizes of the generic mask become this one's.
     scale = float(np.clip(mask.mouth_width / _GENERIC_WIDTH, 0.75, 1.3)) * chosen.amplitude
@@ -177,7 +179,7 @@ def drive(
         emotion = EMOTIONS[chosen.emotion]
         rise = np.ones(n)
         if not chosen.still:
-            rise = np.clip(frame_times(n, fps) / EMOTION_RISE, 0, 1)
+            rise = np.clip((start + frame_times(n, fps)) / EMOTION_RISE, 0, 1)
         there = chosen.strength * rise * rise * (3 - 2 * rise)
         spoken = 1 - weights[:, NEUTRAL]
         felt = there * (1 - (1 - SPEAKING) * spoken)
@@ -187,9 +189,11 @@ def drive(
     moved += mask.close_lips()
     hold_lips(moved, mask, closed)
     if not chosen.still:
-        _shut_eyes(moved, mask, blinks(n, fps, chosen.life.blink_every, random))
-        moved += head_motion(n, fps, chosen.life, random)
-        moved += unrest(n, fps, chosen.life, random)
+        # Each with its own seed, so that none depends on how long the others lasted.
+        lids, head, skin = map(np.random.default_rng, np.random.SeedSequence(chosen.seed).spawn(3))
+        _shut_eyes(moved, mask, blinks(n, fps, chosen.life.blink_every, lids, start))
+        moved += head_motion(n, fps, chosen.life, head, start)
+        moved += unrest(n, fps, chosen.life, skin, start)
     return FaceMotion(
         moved.astype(np.float32),
         np.maximum(jaw, 0).astype(np.float32),

@@ -65,11 +65,14 @@ class LifeSettings:
             raise ValueError("blinks, turn, shift and perturbation must not be negative")
 
 
-def blinks(n: int, fps: float, every: float, random: np.random.Generator) -> F64:
+def blinks(
+    n: int, fps: float, every: float, random: np.random.Generator, start: float = 0.0
+) -> F64:
     """How far the eyes are shut in each frame.
 
     Each blink lasts 100 to 200 ms, and is quite shut in the frame at its middle, whatever the
-    frame rate.
+    frame rate. `start` is the time of the first frame in a life that began before: blinks go on
+    from one utterance to the next.
 
     Returns
     -------
@@ -79,12 +82,12 @@ def blinks(n: int, fps: float, every: float, random: np.random.Generator) -> F64
     out = np.zeros(n)
     if every <= 0:
         return out
-    times = frame_times(n, fps)
-    end = n / fps
+    times = start + frame_times(n, fps)
+    end = start + n / fps
     at = random.uniform(0.15, 1.0) * every
     while at < end - BLINK_LENGTH[0]:
         length = random.uniform(*BLINK_LENGTH)
-        middle = times[min(n - 1, int(at * fps))]
+        middle = times[min(n - 1, int((at - start) * fps))] if at >= start else at
         # Down faster than up, and shut for a moment.
         away = times - middle
         side = np.where(away < 0, 0.42, 0.58) * length
@@ -95,7 +98,12 @@ def blinks(n: int, fps: float, every: float, random: np.random.Generator) -> F64
 
 
 def wander(
-    n: int, fps: float, channels: int, hertz: tuple[float, float], random: np.random.Generator
+    n: int,
+    fps: float,
+    channels: int,
+    hertz: tuple[float, float],
+    random: np.random.Generator,
+    start: float = 0.0,
 ) -> F64:
     """Smooth unrest: sums of slow waves, of mean square 1.
 
@@ -111,7 +119,7 @@ def wander(
     phase = random.uniform(0, 2 * np.pi, (waves, channels))
     size = 1 / frequency**0.5
     size *= np.sqrt(2 / (size**2).sum(axis=0))
-    t = frame_times(n, fps)[:, None, None]
+    t = start + frame_times(n, fps)[:, None, None]
     return np.asarray((size * np.sin(2 * np.pi * frequency * t + phase)).sum(axis=1))
 
 
@@ -124,7 +132,7 @@ def _depths() -> F64:
     nose = np.where(y < 0.36, down, np.clip((0.53 - y) / 0.15, 0, 1))
     out += 0.24 * nose * np.exp(-((x / 0.11) ** 2))
     out[HEAD], out[FRAME] = 0.05, 0.0
-    return out
+    return np.asarray(out)
 
 
 def _holding() -> F64:
@@ -142,7 +150,13 @@ PIVOT: Final = np.array([0.0, 1.35])
 """Where the head tilts, in the mask's frame: the neck."""
 
 
-def head_motion(n: int, fps: float, settings: LifeSettings, random: np.random.Generator) -> F64:
+def head_motion(
+    n: int,
+    fps: float,
+    settings: LifeSettings,
+    random: np.random.Generator,
+    start: float = 0.0,
+) -> F64:
     """Small turns and shifts of the head as displacements of vertices (section 5.3).
 
     Returns
@@ -150,9 +164,9 @@ def head_motion(n: int, fps: float, settings: LifeSettings, random: np.random.Ge
     (n, V, 2) float64
         Of all vertices but the frame's; near ones more than far ones when the head turns.
     """
-    turn = np.radians(settings.turn) * wander(n, fps, 3, _SLOW, random)
+    turn = np.radians(settings.turn) * wander(n, fps, 3, _SLOW, random, start)
     yaw, nod, tilt = turn[:, 0], 0.6 * turn[:, 1], 0.5 * turn[:, 2]
-    shift = settings.shift * wander(n, fps, 2, _SLOW, random)
+    shift = settings.shift * wander(n, fps, 2, _SLOW, random, start)
     out = np.empty((n, N_MASK, 2))
     from_neck = GENERIC - PIVOT
     out[..., 0] = yaw[:, None] * DEPTHS - tilt[:, None] * from_neck[:, 1] + shift[:, :1]
@@ -160,7 +174,13 @@ def head_motion(n: int, fps: float, settings: LifeSettings, random: np.random.Ge
     return np.asarray(out * HOLDING[:, None])
 
 
-def unrest(n: int, fps: float, settings: LifeSettings, random: np.random.Generator) -> F64:
+def unrest(
+    n: int,
+    fps: float,
+    settings: LifeSettings,
+    random: np.random.Generator,
+    start: float = 0.0,
+) -> F64:
     """The perturbation of section 5.5: the skin is stirred a little, smoothly in place and time.
 
     Returns
@@ -173,6 +193,6 @@ def unrest(n: int, fps: float, settings: LifeSettings, random: np.random.Generat
     near = np.exp(-apart / (2 * 0.28**2))
     near /= np.sqrt((near**2).sum(axis=1, keepdims=True)) + 0.3
     near[HEAD], near[FRAME] = 0.0, 0.0
-    waves = wander(n, fps, 2 * len(centres), _UNREST, random).reshape(n, len(centres), 2)
+    waves = wander(n, fps, 2 * len(centres), _UNREST, random, start).reshape(n, len(centres), 2)
     size = settings.perturbation / _REFERENCE_UNIT
     return np.asarray(size * np.einsum("vc,ncd->nvd", near, waves) / 1.5)
