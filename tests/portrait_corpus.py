@@ -1,8 +1,8 @@
 """A small talking corpus of which everything is known: a portrait that espeak speaks for.
 
 The portrait (Grace Hopper, in the public domain, part of matplotlib) is driven by what espeak says
-and drawn as `unitsel say` draws it, with nothing moving but its mouth; then each picture is shifted,
-turned and scaled as a head does that sways. So of each frame are known the phoneme, the pose and
+and drawn as `unitsel say` draws it, with nothing moving but its mouth; then each picture is
+shifted, turned and scaled, as a head sways. So of each frame are known the phoneme, the pose and
 the place of every point of the lips.
 """
 
@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 
 from analysis.portrait import portrait_of
-from database.portrait_mesh import INNER_LIPS, LOWER_INNER, OUTER_LIPS, UPPER_INNER
+from database.portrait_mesh import LOWER_INNER, OUTER_LIPS, UPPER_INNER
 from database.sound import Sound
 from database.timing import Timing, write_timing
 from database.track import PhonemeTrack
@@ -47,16 +47,15 @@ class Truth:
     track : PhonemeTrack
     maps : (n, 2, 3) float64
         From the portrait into each frame: turn, scale and shift.
-    outer, inner : (n, 20, 2) and (n, 16, 2) float64
-        Lips in the frames, pixels.
+    lips : (n, 20, 2) float64
+        Outer contour in the frames, pixels, in the order of `database.mask.OUTER_LIPS`.
     width, height, opening : (n,) float64
         Of the lips, in pixels of the portrait, as a database measures them.
     """
 
     track: PhonemeTrack
     maps: np.ndarray
-    outer: np.ndarray
-    inner: np.ndarray
+    lips: np.ndarray
     width: np.ndarray
     height: np.ndarray
     opening: np.ndarray
@@ -112,10 +111,8 @@ def make_corpus(folder: Path) -> dict[str, Truth]:
 
 
 def _truth(track: PhonemeTrack, points: np.ndarray, maps: np.ndarray) -> Truth:
-    outer, inner = points[:, OUTER_LIPS], points[:, INNER_LIPS]
+    outer = points[:, OUTER_LIPS]
     extent = np.ptp(outer, axis=1)
     opening = (points[:, LOWER_INNER, 1] - points[:, UPPER_INNER, 1]).max(axis=1)
-    filmed = [
-        np.einsum("nij,nvj->nvi", maps[:, :, :2], p) + maps[:, None, :, 2] for p in (outer, inner)
-    ]
-    return Truth(track, maps, *filmed, extent[:, 0], extent[:, 1], opening)
+    lips = np.einsum("nij,nvj->nvi", maps[:, :, :2], outer) + maps[:, None, :, 2]
+    return Truth(track, maps, lips, extent[:, 0], extent[:, 1], opening)
