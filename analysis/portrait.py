@@ -16,8 +16,8 @@ from analysis.faces import check_choice
 from analysis.models import find_models
 from analysis.photo import LONGEST, Photo, read_photo
 from analysis.portrait_adjust import Adjustment, adjust
+from analysis.portrait_edges import EdgeSettings
 from analysis.portrait_fit import fit_mask, is_open
-from analysis.portrait_lips import LipEdgeSettings
 from analysis.portrait_mouth import mouth_look
 from database.errors import FaceError
 from database.mask import OUTER_EYE_CORNERS
@@ -54,12 +54,12 @@ class PortraitSettings:
         central) or a number from the left.
     longest : int
         Pixels of the longer side beyond which the photo is scaled down.
-    lips : LipEdgeSettings
+    lips : EdgeSettings
     """
 
     face: str = "largest"
     longest: int = LONGEST
-    lips: LipEdgeSettings = field(default_factory=LipEdgeSettings)
+    lips: EdgeSettings = field(default_factory=EdgeSettings)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The Talk Mask laid over a photo's face (Image Talk, section 5.2), without a hand's touch.
 
-Most vertices are the face mesh's. The lips are those of `analysis.portrait_lips`, and what is
-around them moves along, less with distance. The rings around the face are the generic mask's,
-stretched as the face is, and cut at the photo's edges.
+Most vertices are the face mesh's. Lips and lids are those of `analysis.portrait_lips` and
+`analysis.portrait_lids`, and what is around them moves along, less with distance. The rings
+around the face are the generic mask's, stretched as the face is, and cut at the photo's edges.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from analysis.portrait_lips import LipCurves, LipEdgeSettings, curves_of, find_lips
+from analysis.portrait_edges import EdgeSettings, spread
+from analysis.portrait_lids import find_lids
+from analysis.portrait_lips import LipCurves, curves_of, find_lips
 from database.mask import INNER_LIPS as MESH_INNER
 from database.mask import OUTER_LIPS as MESH_OUTER
 from database.portrait_mesh import (
@@ -21,12 +23,15 @@ from database.portrait_mesh import (
     HEAD,
     INNER_CORNERS,
     INNER_LIPS,
+    LEFT_EYE,
     LOWER_INNER,
     MESH_INDEX,
     MOUTH_CORNERS,
     N_MASK,
     OUTER_LIPS,
+    RIGHT_EYE,
     UPPER_INNER,
+    Indices,
 )
 from database.talk_mask import TalkMask
 
@@ -40,19 +45,18 @@ THINNEST: Final = 0.012
 """Units: a lip is nowhere thinner than this, the corners' ends apart."""
 
 FALLOFF: Final = 0.12
-"""Units: how far around the lips the skin follows when their points are put right."""
-
-LIP_SKIN: Final = 0.5
-"""Units beyond which nothing follows."""
+"""Units: how far around lips and eyes the skin follows when their points are put right."""
 
 BEYOND: Final = 0.05
 """Units that the rings keep outside the face where the photo ends."""
+
+_PLACED: Final = frozenset(np.concatenate([OUTER_LIPS, INNER_LIPS, LEFT_EYE, RIGHT_EYE]).tolist())
 
 
 def fit_mask(
     picture: npt.NDArray[np.uint8],
     mesh: npt.NDArray[np.floating],
-    settings: LipEdgeSettings | None = None,
+    settings: EdgeSettings | None = None,
 ) -> TalkMask:
     """Lay the mask over a face.
 
@@ -62,7 +66,7 @@ def fit_mask(
         RGB.
     mesh : (468, 2 or 3) float
         Face mesh in the picture.
-    settings : LipEdgeSettings, optional
+    settings : EdgeSettings, optional
 
     Returns
     -------
@@ -74,8 +78,11 @@ def fit_mask(
     before = vertices.copy()
     curves = find_lips(picture, contours, settings)
     _place_lips(vertices, contours, curves, is_open(mesh))
+    _place_lids(picture, vertices)
     unit = float(np.linalg.norm(points[263] - points[33]))
-    _draw_along(vertices, before, unit)
+    _draw_along(vertices, before, OUTER_LIPS, unit)
+    for eye in (LEFT_EYE, RIGHT_EYE):
+        _draw_along(vertices, before, eye, unit)
     height, width = picture.shape[:2]
     _place_rings(vertices, width, height)
     return TalkMask(vertices, width, height)
@@ -144,18 +151,33 @@ def _along(points: F64, old: F64, new: F64) -> F64:
     return np.stack([np.interp(place, at, new[:, k]) for k in (0, 1)], axis=-1)
 
 
-def _draw_along(vertices: F64, before: F64, unit: float) -> None:
-    """Move what is around the lips as they were moved, less and less outwards."""
-    moved = vertices[OUTER_LIPS] - before[OUTER_LIPS]
+def _place_lids(picture: npt.NDArray[np.uint8], vertices: F64) -> None:
+    """Put the lids' vertices on the lids, each as far along as it was on the mesh's."""
+    for eye, outer_first in ((LEFT_EYE, True), (RIGHT_EYE, False)):
+        upper, lower = eye[:8], np.concatenate([eye[:1], eye[:6:-1]])
+        if not outer_first:
+            upper, lower = upper[::-1], lower[::-1]
+        old = vertices[upper].copy(), vertices[lower].copy()
+        found = find_lids(picture, *old, outer_first=outer_first)
+        for rows, was, curve in zip((upper, lower), old, found, strict=True):
+            vertices[rows[1:-1]] = _along(was, spread(was), curve)[1:-1]
+        vertices[upper[[0, -1]]] = (found[0][[0, -1]] + found[1][[0, -1]]) / 2
+
+
+def _draw_along(vertices: F64, before: F64, source: Indices, unit: float) -> None:
+    """Move what is around a contour as that was moved, less and less outwards.
+
+    Lips, eyes and rings have their own places, and keep them.
+    """
+    moved = vertices[source] - before[source]
     for v in range(N_MASK):
-        if MESH_INDEX[v] < 0 or v in OUTER_LIPS or v in INNER_LIPS:
+        if MESH_INDEX[v] < 0 or v in _PLACED:
             continue
-        away = np.linalg.norm(before[OUTER_LIPS] - before[v], axis=1) / unit
+        away = np.linalg.norm(before[source] - before[v], axis=1) / unit
         nearest = float(away.min())
-        if nearest < LIP_SKIN:
-            near = np.exp(-(((away - nearest) / FALLOFF) ** 2))
-            share = np.exp(-((nearest / FALLOFF) ** 2))
-            vertices[v] = before[v] + share * (near @ moved) / near.sum()
+        near = np.exp(-(((away - nearest) / FALLOFF) ** 2))
+        share = np.exp(-((nearest / FALLOFF) ** 2))
+        vertices[v] += share * (near @ moved) / near.sum()
 
 
 def _place_rings(vertices: F64, width: int, height: int) -> None:
@@ -167,6 +189,7 @@ def _place_rings(vertices: F64, width: int, height: int) -> None:
     vertices[ring] = model[ring] @ solved
     unit = float(np.linalg.norm(solved[0]))
     face = vertices[known]
-    low = np.minimum(0, face.min(axis=0) - BEYOND * unit)
-    high = np.maximum((width - 1, height - 1), face.max(axis=0) + BEYOND * unit)
+    # To the outer edges of the outer pixels.
+    low = np.minimum(-0.5, face.min(axis=0) - BEYOND * unit)
+    high = np.maximum((width - 0.5, height - 0.5), face.max(axis=0) + BEYOND * unit)
     vertices[ring] = np.clip(vertices[ring], low, high)

@@ -28,11 +28,14 @@ from database.portrait_mesh import (
 
 F64 = npt.NDArray[np.float64]
 
-CREASE_FOLLOWS = 0.35
+CREASE_FOLLOWS = 0.15
 """How far the crease above a lid follows it down, in parts of the lid's way."""
 
 LOWER_LID_RISES = 0.12
 """What the lower lid does of the way when an eye shuts."""
+
+OVERLAP = 0.06
+"""What the upper lid goes too far, so that no chink is left between two polygons."""
 
 FLAT = 1e-4
 """Twice the area, in units, that a triangle may be turned over by and still count as flat."""
@@ -123,7 +126,7 @@ class TalkMask:
                 ]
                 return np.asarray(ends[1] - ends[0])
 
-            out[upper] = (1 - LOWER_LID_RISES) * gap(at[upper])
+            out[upper] = (1 - LOWER_LID_RISES + OVERLAP) * gap(at[upper])
             out[lower] = -LOWER_LID_RISES * gap(at[lower])
             out[crease] = CREASE_FOLLOWS * gap(at[crease])
         return out

@@ -1,9 +1,9 @@
 """A portrait's face drawn as it moves: one textured mesh, and the mouth inside it (OpenGL, EGL).
 
 What is drawn, one over the other: the eyes, which stay where they are when a lid comes down over
-them; the skin; the inside of the mouth, between the inner lips, its edge soft
-(render/portrait_shaders.py). Only the box around the mask's frame is drawn and read back; around the frame it is the
-photo as it is.
+them; the skin; the inside of the mouth between the inner lips, its edge soft
+(render/portrait_shaders.py). Only the box around the mask's frame is drawn and read back; around
+the frame it is the photo as it is.
 
 Picture pixel (x, y) is at (x + 0.5, y + 0.5) of the framebuffer, less the box's corner, and at
 (2 x + 0.5, 2 y + 0.5) of the texture (`between_pixels`); row 0 is the top one.
@@ -95,9 +95,9 @@ class PortraitScene:
         # What lies outside the mask's frame, or on its edge, stays the photo's.
         inside = np.zeros((box_height, box_width), np.uint8)
         ring = np.rint((mask.vertices[FRAME] - (x0, y0)) * 16).astype(np.int32)
-        cv2.fillConvexPoly(inside, cv2.convexHull(ring), 1, cv2.LINE_8, 4)
-        inside = cv2.erode(inside, np.ones((5, 5), np.uint8), borderValue=1)
-        self._outside = np.repeat(inside[..., None] == 0, 3, axis=2)
+        cv2.fillPoly(inside, [ring], 1, cv2.LINE_8, 4)
+        kept = cv2.erode(inside, np.ones((5, 5), np.uint8), borderValue=1) == 0
+        self._outside = np.repeat(kept[..., None], 3, axis=2)
         self._around = self._base[y0 : y0 + box_height, x0 : x0 + box_width]
         self._lock = threading.Lock()
         self._context = start_opengl()

@@ -67,6 +67,11 @@ out vec4 colour;
 const float UPPER[7] = float[](0.0, 0.088, 0.158, 0.222, 0.272, 0.312, 0.340);
 const float LOWER[7] = float[](0.0, 0.054, 0.112, 0.170, 0.222, 0.266, 0.300);
 
+// What is lit less has more of its light from lips and gums: it is redder.
+vec3 shaded(vec3 colour, float light) {
+    return colour * pow(vec3(max(light, 0.0)), vec3(0.86, 1.08, 1.12));
+}
+
 // One row of teeth: how much of a tooth is here, and how lit it is. y counts from the biting
 // edge into the gum.
 vec3 row(float x, float y, bool upper, float soft) {
@@ -91,10 +96,10 @@ vec3 row(float x, float y, bool upper, float soft) {
     float here = smoothstep(-soft, soft, y - edge);
     float in_gum = smoothstep(-0.006 - soft, 0.006 + soft, y - root);
     // The arch turns away to the sides; each tooth is a little cylinder.
-    float arch = 1.0 - 0.72 * smoothstep(0.06, 0.33, side);
-    float bulge = 1.0 - 0.16 * across * across;
+    float arch = 1.0 - 0.62 * smoothstep(0.05, 0.33, side);
+    float bulge = 1.0 - 0.12 * across * across;
     float gap = half_width * (1.0 - abs(across));
-    float between = mix(0.62, 1.0, smoothstep(0.0, 0.006 + soft, gap));
+    float between = mix(0.72, 1.0, smoothstep(0.0, 0.005 + soft, gap));
     float tip = mix(0.90, 1.0, smoothstep(0.0, 0.03, y - edge));
     return vec3(here, in_gum, arch * bulge * between * tip);
 }
@@ -103,34 +108,34 @@ void main() {
     float soft = max(0.7 * pixel, 0.002);
     float open = lips.x + lips.y;
     // Light falls in between the lips: the wider they part, the deeper.
-    float under_upper = smoothstep(-0.01, 0.075, lips.x);
+    float under_upper = smoothstep(-0.01, 0.05, lips.x);
     float over_lower = smoothstep(-0.015, 0.04, lips.y);
-    float light = mix(0.30, 1.0, under_upper) * mix(0.62, 1.0, over_lower);
+    float light = mix(0.52, 1.0, under_upper) * mix(0.70, 1.0, over_lower);
 
     vec3 sum = cavity * mix(0.75, 1.15, over_lower);
 
-    float floor_at = jaw + 0.050;
-    float back = floor_at - 0.075 * raised - 0.020;
-    float hump = back + 0.55 * at.x * at.x;
-    float on_tongue = smoothstep(-2.0 * soft - 0.008, 2.0 * soft + 0.008, at.y - hump);
-    float groove = 1.0 - 0.22 * exp(-at.x * at.x / 0.0009);
-    float far = mix(0.34, 0.86, smoothstep(0.0, 0.07, at.y - hump)) * (0.75 + 0.25 * raised);
-    on_tongue *= smoothstep(0.25, 0.19, abs(at.x));
-    sum = mix(sum, tongue * far * groove * light, on_tongue);
+    // The tongue lies behind the lower teeth and goes down with them, not as far.
+    float back = 0.80 * jaw - 0.012 - 0.075 * raised;
+    float hump = back + 0.70 * at.x * at.x;
+    float on_tongue = smoothstep(-0.012 - soft, 0.012 + soft, at.y - hump);
+    float groove = 1.0 - 0.16 * exp(-at.x * at.x / 0.0012);
+    float far = mix(0.42, 1.0, smoothstep(0.0, 0.085, at.y - hump + 0.05 * raised));
+    on_tongue *= smoothstep(0.24, 0.17, abs(at.x));
+    sum = mix(sum, shaded(tongue, far * groove * mix(0.8, 1.0, over_lower)), on_tongue);
 
     // Lower teeth: from their biting edge down into the jaw.
-    vec3 low = row(at.x, at.y - (jaw + 0.004), false, soft);
-    vec3 tint = mix(teeth * 0.86, gum * 0.75, low.y);
-    float shade = low.z * light * mix(0.75, 1.0, smoothstep(0.0, 0.05, lips.x));
-    sum = mix(sum, tint * shade, low.x);
+    vec3 low = row(at.x, at.y - (jaw - 0.004), false, soft);
+    vec3 tint = mix(teeth * 0.92, gum * 0.85, low.y);
+    float shade = 0.92 * low.z * light;
+    sum = mix(sum, shaded(tint, shade), low.x);
 
     // Upper teeth: from their biting edge up.
     vec3 up = row(at.x, 0.020 - at.y, true, soft);
     tint = mix(teeth, gum, up.y);
-    sum = mix(sum, tint * up.z * light, up.x);
+    sum = mix(sum, shaded(tint, up.z * light), up.x);
 
     // What is deepest is hardly lit where the lips are only just apart.
-    sum *= mix(0.45, 1.0, smoothstep(0.0, 0.05, open));
+    sum *= mix(0.40, 1.0, smoothstep(0.0, 0.035, open));
     // A pixel at a lip's edge is partly the lip's.
     float inside = clamp(lips.x / pixel, 0.0, 1.0) * clamp(lips.y / pixel, 0.0, 1.0);
     colour = vec4(clamp(sum / 255.0, 0.0, 1.0), inside);
