@@ -28,7 +28,7 @@ vowels where no other follows, with or without a nasal."""
 
 _APICAL: Final = ("zh", "ch", "sh", "r", "z", "c", "s")
 _SHORT: Final = {"iu": "iou", "ui": "uei", "un": "uen"}
-_YEH: Final = {"ie": "iê", "üe": "üê"}
+_YEH: Final = {"ie": "iê", "üe": "üê", "ue": "üê"}
 _NASAL: Final = {"iong": ("ü", "ong"), "in": ("i", "n"), "ing": ("i", "ng"), "ün": ("ü", "n"),
                  "uen": ("u", "en"), "ian": ("i", "an"), "üan": ("ü", "an")}  # fmt: skip
 
@@ -90,7 +90,7 @@ def split(pinyin: str) -> Syllable:
     medial, rime = match.groups()
     if medial and not rime:
         medial, rime = "", medial
-    if rime not in RIMES or final == "":
+    if rime not in RIMES or (medial and rime in ("-i", "i", "u", "ü", "er")):
         raise PronunciationError(f"{pinyin!r} is no syllable of Mandarin in Pinyin")
     return Syllable(initial, medial, rime)
 

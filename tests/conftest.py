@@ -45,6 +45,12 @@ def puppet() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def portrait_corpus() -> ModuleType:
+    """Give `portrait_corpus.py`: clips of a portrait of which everything is known."""
+    return _helper("portrait_corpus")
+
+
+@pytest.fixture(scope="session")
 def face_models() -> FaceModels:
     """Find the face models without fetching them."""
     there = os.environ.get(MODELS_ENV) or all((cache_folder() / n).is_file() for n in CHECKSUMS)

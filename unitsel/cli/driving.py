@@ -95,7 +95,8 @@ def refuse_driving(options: argparse.Namespace) -> None:
         Naming the first of them.
     """
     for name in _OPTIONS:
-        if getattr(options, name, None) not in (None, False):
+        given = getattr(options, name, None)
+        if given is not None and given is not False:
             raise SelectionError(
                 f"--{name.replace('_', '-')}: is for portraits only, and {options.database} was "
                 "built from footage; leave it out"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -172,8 +172,8 @@ def drive(
         moved = scale * np.tensordot(weights, MOUTH_FRAMES, axes=1)
         jaw = scale * (weights @ JAWS)
     else:
-        moved = np.array(lips.displacements[:n], dtype=np.float64)
-        jaw = np.array(lips.jaw[:n], dtype=np.float64)
+        moved = chosen.amplitude * np.asarray(lips.displacements[:n], dtype=np.float64)
+        jaw = chosen.amplitude * np.asarray(lips.jaw[:n], dtype=np.float64)
     closed = weights[:, _CLOSED]
     if chosen.emotion is not None and chosen.strength > 0:
         emotion = EMOTIONS[chosen.emotion]
@@ -224,7 +224,7 @@ def mouth_weights(
     for span in sorted([*spans, *others], key=lambda s: s.start):
         start = max(span.start, merged[-1].end) if merged else span.start
         if span.end - start > 1e-3:
-            merged.append(Span(start, span.end, span.shapes, span.held))
+            merged.append(replace(span, start=start))
     return shape_weights(merged, fps, n, N_KEYS, settings.syllables)
 
 
@@ -235,7 +235,8 @@ def syllable_spans(syllables: Sequence[TimedSyllable]) -> list[Span]:
         parts = split(syllable.pinyin)
         labial = parts.initial in ("b", "p", "m", "f")
         held = syllable.onset - syllable.start if labial else 0.0
-        out.append(Span(syllable.start, syllable.end, syllable_shapes(parts), held))
+        leads = labial or not parts.initial
+        out.append(Span(syllable.start, syllable.end, syllable_shapes(parts), held, leads))
     return out
 
 

@@ -11,7 +11,8 @@ in parts of its length, the first is reached at ``begin`` (the paper's b = 0.2) 
 
 The shape has to be there before the sound (rule 1 of section 4.1): the paper's ``b`` is where the
 sound begins. Times that are measured in sound are therefore moved forward by ``lead``, 0.2 of the
-length, which lays ``b`` on the sound's first moment; with ``lead = 0`` they are taken as they are.
+length, which lays ``b`` on the sound's first moment; with ``lead = 0`` they are taken as they are,
+and so are those of a span that does not lead (`Span.leads`).
 """
 
 from __future__ import annotations
@@ -100,12 +101,21 @@ class Span:
     held : float
         Seconds of sound through which the first shape is kept: lips stay closed until a p is
         released.
+    leads : bool
+        Whether its first sound is made with the first shape. Where the tongue makes it (the d of
+        "da"), the sound that has to find the shape ready comes later, and nothing is moved forward.
     """
 
     start: float
     end: float
     shapes: FloatArray
     held: float = 0.0
+    leads: bool = True
+
+    def part(self, share: float, settings: TimingSettings) -> float:
+        """Time of a part of the span, moved forward, seconds."""
+        lead = settings.lead if self.leads else 0.0
+        return self.start + (share - lead) * (self.end - self.start)
 
 
 def shape_weights(
@@ -180,8 +190,8 @@ def curve_points(
             raise TrackError(
                 f"span {i + 1} ({span.start:g} to {span.end:g} s) has no length or overlaps"
             )
-        begin = span.start + (settings.begin - settings.lead) * length
-        a = min(span.start - settings.lead * length, begin - settings.prepare)
+        begin = span.part(settings.begin, settings)
+        a = min(span.part(0.0, settings), begin - settings.prepare)
         if before is None:
             curve.put(a, neutral)
         elif settings.method == "contract" or span.start - before.end >= settings.pause:
@@ -216,7 +226,7 @@ class _Curve:
 
     def put_shapes(self, span: Span, begin: float, settings: TimingSettings) -> None:
         """Add a span's own shapes: the first at `begin`, the last at the paper's c."""
-        end = span.start + (settings.end - settings.lead) * (span.end - span.start)
+        end = span.part(settings.end, settings)
         shapes = np.asarray(span.shapes, dtype=np.float64)
         self.put(begin, shapes[0])
         if span.held > 0:

@@ -83,13 +83,14 @@ def words_of(text: str) -> tuple[Word, ...]:
     words: list[Word] = []
     for piece in pieces:
         if not _CHINESE.fullmatch(piece):
-            for token in piece.split():
-                # The commas of Chinese text stand without a space.
-                if words and not re.search(r"\w", token):
-                    last = words.pop()
-                    words.append(Word(last.written + token, last.spoken + token, last.syllables))
-                else:
-                    words.append(Word(token, token))
+            # The commas of Chinese text stand without a space.
+            marks = re.match(r"[^\w\s]*", piece)
+            if words and marks is not None and marks[0]:
+                last = words.pop()
+                given = last.written + marks[0], last.spoken + marks[0]
+                words.append(Word(*given, last.syllables))
+                piece = piece[marks.end() :]
+            words += [Word(token, token) for token in piece.split()]
             continue
         cut = list(seg.cut(piece))
         read = lazy_pinyin(cut, style=Style.TONE3, neutral_tone_with_five=True, tone_sandhi=True)
