@@ -14,20 +14,18 @@ from typing import Final
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
 
 from analysis.smoothing import smoothed
 from database.errors import CorpusError, FaceError
 from database.mask import (
-    INNER_LIPS,
     OUTER_EYE_CORNERS,
-    OUTER_LIPS,
     Camera,
     Mask,
     MouthPatch,
     Poses,
     project,
 )
+from database.mask_surface import surface_depth
 
 EYE_CORNER_DISTANCE: Final = 88.9
 """mm between the outer eye corners: the adult mean, which makes the mesh metric."""
@@ -261,44 +259,10 @@ def _mouth_patch(
     gx = np.linspace(middle[0] - width / 2, middle[0] + width / 2, 25)
     gy = np.linspace(middle[1] - height / 2, middle[1] + height / 2, 27)
     plane = np.stack(np.meshgrid(gx, gy), axis=-1)
-    z = _surface(vertices, plane, reach=0.75 * max(width, height))
+    z = surface_depth(vertices, plane, reach=0.75 * max(width, height))
     return MouthPatch(
         np.concatenate([plane, z[..., None]], axis=-1).astype(np.float32), pixels, rows
     )
-
-
-def _surface(
-    vertices: npt.NDArray[np.float32], plane: npt.NDArray[np.float64], reach: float
-) -> npt.NDArray[np.float64]:
-    """Depth of the face at points of its frontal plane: smooth, carried on beyond the face."""
-    from scipy.interpolate import RBFInterpolator  # Slow to load, and only builds need it.
-
-    lips = set(OUTER_LIPS) | set(INNER_LIPS)
-    middle = plane.reshape(-1, 2).mean(axis=0)
-    near = [
-        i
-        for i in np.flatnonzero(np.linalg.norm(vertices[:, :2] - middle, axis=1) < reach)
-        if i not in lips or i in OUTER_LIPS
-    ]
-    known = vertices[near].astype(np.float64)
-    hull = cv2.convexHull(known[:, :2].astype(np.float32))[:, 0].astype(np.float64)
-    inside = _pulled_inside(plane.reshape(-1, 2), hull)
-    fit = RBFInterpolator(known[:, :2], known[:, 2], smoothing=20.0, kernel="thin_plate_spline")
-    return np.asarray(gaussian_filter(fit(inside).reshape(plane.shape[:2]), 1.0))
-
-
-def _pulled_inside(
-    points: npt.NDArray[np.float64], hull: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Points outside a convex polygon moved to the nearest point of its edge."""
-    following = np.roll(hull, -1, axis=0)
-    edge = following - hull
-    t = np.einsum("pek,ek->pe", points[:, None] - hull, edge) / (edge**2).sum(axis=1)
-    foot = hull + np.clip(t, 0, 1)[..., None] * edge
-    nearest = np.linalg.norm(points[:, None] - foot, axis=2).argmin(axis=1)
-    contour = hull.astype(np.float32)[:, None]
-    outside = np.array([cv2.pointPolygonTest(contour, (x, y), False) < 0 for x, y in points])
-    return np.where(outside[:, None], foot[np.arange(len(points)), nearest], points)
 
 
 def estimate_poses(

@@ -10,7 +10,8 @@ Conventions, for the whole project:
 * **Texture**: the mouth's crop is the part of the mask inside a rectangle, seen along the
   mask's z axis at one millimetre scale a database. `MouthPatch.grid` gives the mask's surface
   there, as a regular grid of points: the same grid cuts crops out of footage
-  (`crop_map`) and carries them into a picture (render/scene.py).
+  (`crop_map`) and carries them into a picture (render/scene.py). The eyes have such a patch of
+  their own (database/mask_surface.py).
 """
 
 from __future__ import annotations
@@ -28,6 +29,11 @@ N_VERTICES = 468
 
 OUTER_EYE_CORNERS = (33, 263)
 """Mesh points of the outer eye corners, left and right in the picture."""
+
+LEFT_EYE = (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7)
+RIGHT_EYE = (263, 466, 388, 387, 386, 385, 384, 398, 362, 382, 381, 380, 374, 373, 390, 249)
+"""Mesh points of the lids' contours, left and right in the picture, from the outer corners over
+the upper lids."""
 
 OUTER_LIPS = (
     *(61, 185, 40, 39, 37, 0, 267, 269, 270, 409),

@@ -27,6 +27,9 @@ NOSE_BASE: Final = 2
 CHIN: Final = 152
 """Lowest mesh point of the chin."""
 
+SOLID: Final = 0.999
+"""Alpha from which on a pixel is the mouth's alone."""
+
 BORDER: Final = 1.5
 """Crop pixels at the crop's edge that are never drawn."""
 
@@ -47,7 +50,8 @@ class BlendShape:
     upper_feather : float
         Width of the fade there.
     chin_gap : float
-        From the chin's lowest point up to the outer curve; negative goes below the chin.
+        From the chin's lowest point up to the outer curve; negative goes below the chin, so
+        that an open jaw is the unit's to its end and the background's chin is covered.
     lower_feather : float
         Width of the fade there.
     upper_power, lower_power : float
@@ -55,14 +59,14 @@ class BlendShape:
         (narrow under the nose), more is squarer.
     """
 
-    side: float = 20.0
+    side: float = 22.0
     side_feather: float = 13.0
     nose_gap: float = 2.0
     upper_feather: float = 7.0
-    chin_gap: float = 2.0
-    lower_feather: float = 12.0
+    chin_gap: float = -14.0
+    lower_feather: float = 10.0
     upper_power: float = 1.8
-    lower_power: float = 2.2
+    lower_power: float = 2.4
 
 
 def blend_alpha(mask: Mask, shape: BlendShape | None = None) -> FloatArray:

@@ -238,7 +238,7 @@ class Scene:
         x0, y0, width, height = self._box(pose)
         if width <= 0 or height <= 0:
             return MouthLayer(0, 0, np.zeros((0, 0, 3), np.float32), np.zeros((0, 0), np.float32))
-        mipmaps = self._scale(pose) >= MIPMAP_FROM
+        mipmaps = self.minifies(pose)
         with self._lock, self._context:
             framebuffer = self._framebuffer_for(width, height)
             framebuffer.use()
@@ -258,6 +258,10 @@ class Scene:
             data = framebuffer.read((0, 0, width, height), components=4, dtype="f4")
         drawn = np.frombuffer(data, dtype=np.float32).reshape(height, width, 4)
         return MouthLayer(x0, y0, drawn[..., :3], drawn[..., 3])
+
+    def minifies(self, pose: npt.NDArray[np.float64]) -> bool:
+        """Whether the crop is so much finer than the picture that mipmaps are used."""
+        return self._scale(pose) >= MIPMAP_FROM
 
     def _box(self, pose: npt.NDArray[np.float64]) -> tuple[int, int, int, int]:
         """Box of the visible patch in the picture: x, y, width, height, all even."""

@@ -24,7 +24,17 @@ from unitsel.settings import settings_for
 Run = Callable[..., tuple[int, str, str]]
 
 KEYS = {
-    *("video", "background", "frames", "fps", "seconds", "segments", "cost", "fallbacks"),
+    *(
+        "video",
+        "background",
+        "frames",
+        "fps",
+        "seconds",
+        "sound_copied",
+        "segments",
+        "cost",
+        "fallbacks",
+    ),
 }
 
 

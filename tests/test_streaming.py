@@ -214,7 +214,7 @@ def test_sound_and_picture_of_a_written_stream_are_in_step(
     path = tmp_path / "o.mp4"
     seen: list[object] = []
     written = synthesizer.write_stream(
-        [(track, s) for s in sounds], path, fps=fps, selected=seen.append
+        [(track, s) for s in sounds], path, fps=fps, begun=seen.append
     )
     assert len(seen) == 3
     assert written.frames == frame_count(3 * track.end, written.fps)

@@ -12,8 +12,10 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 # Our other three packages have common names. Say so before a stranger's module of the same
 # name fails in some less helpful way.
@@ -33,67 +35,146 @@ for _name in ("database", "analysis", "render"):
             else f"unitsel's own package {_name!r} is missing ({_expected}); install unitsel again"
         )
 
-from analysis.align import AlignSettings, Attempt  # noqa: E402
-from analysis.alignment import Alignment  # noqa: E402
-from analysis.build import BuildReport, BuildSettings, build_database  # noqa: E402
-from analysis.face import FaceSettings  # noqa: E402
-from analysis.guide import GuideSettings  # noqa: E402
-from analysis.lag import LagSettings  # noqa: E402
-from analysis.merge import merge_databases  # noqa: E402
-from analysis.motion import CropSettings, MotionSettings  # noqa: E402
-from analysis.texture import TextureSettings  # noqa: E402
-from database.cost_definition import CostSettings, FeatureWeights  # noqa: E402
-from database.errors import (  # noqa: E402
-    AlignmentError,
-    CorpusError,
-    DatabaseError,
-    FaceError,
-    MediaError,
-    ModelError,
-    PhonemeError,
-    PronunciationError,
-    RenderError,
-    SelectionError,
-    SpeechError,
-    TimingError,
-    TrackError,
-    UnitselError,
-)
-from database.lexicon import Lexicon, spread_words  # noqa: E402
-from database.phonemes import PHONEMES, VISEMES  # noqa: E402
-from database.planes import Colour, Planes, planes_to_rgb  # noqa: E402
-from database.reader import UnitDatabase, open_database  # noqa: E402
-from database.sound import Sound, read_sound  # noqa: E402
-from database.timing import (  # noqa: E402
-    Timing,
-    read_timing,
-    timing_extensions,
-    write_timing,
-)
-from database.timing.words import WordTrack  # noqa: E402
-from database.track import Interval, PhonemeTrack  # noqa: E402
-from render.background import Background  # noqa: E402
-from render.blend import BlendShape  # noqa: E402
-from unitsel.costs import Weights  # noqa: E402
-from unitsel.doctor.page import write_doctor_page  # noqa: E402
-from unitsel.doctor.report import DoctorReport, doctor_report  # noqa: E402
-from unitsel.explain import write_explanation  # noqa: E402
-from unitsel.inspection import Inspection, inspect_database  # noqa: E402
-from unitsel.likeness.evaluation import Evaluation, evaluate  # noqa: E402
-from unitsel.likeness.folds import evaluate_folds  # noqa: E402
-from unitsel.select import Fallback, Selection  # noqa: E402
-from unitsel.settings import (  # noqa: E402
-    SelectionSettings,
-    TargetSettings,
-    default_settings,
-)
-from unitsel.speech.spoken import Speech, speak  # noqa: E402
-from unitsel.speech_track import align_media, track_of_timing  # noqa: E402
-from unitsel.synthesizer import Synthesizer  # noqa: E402
-from unitsel.training.pareto import ParetoSettings  # noqa: E402
-from unitsel.training.result import Training, TrainingSettings  # noqa: E402
-from unitsel.training.train import train  # noqa: E402
-from unitsel.writing import Written  # noqa: E402
+if TYPE_CHECKING:
+    from analysis.align import AlignSettings, Attempt
+    from analysis.alignment import Alignment
+    from analysis.build import BuildReport, BuildSettings, build_database
+    from analysis.face import FaceSettings
+    from analysis.guide import GuideSettings
+    from analysis.lag import LagSettings
+    from analysis.merge import merge_databases
+    from analysis.motion import CropSettings, MotionSettings
+    from analysis.texture import TextureSettings
+    from database.cost_definition import CostSettings, FeatureWeights
+    from database.errors import (
+        AlignmentError,
+        CorpusError,
+        DatabaseError,
+        FaceError,
+        MediaError,
+        ModelError,
+        PhonemeError,
+        PronunciationError,
+        RenderError,
+        SelectionError,
+        SpeechError,
+        TimingError,
+        TrackError,
+        UnitselError,
+    )
+    from database.lexicon import Lexicon, spread_words
+    from database.phonemes import PHONEMES, VISEMES
+    from database.planes import Colour, Planes, planes_to_rgb
+    from database.reader import UnitDatabase, open_database
+    from database.sound import Sound, read_sound
+    from database.timing import (
+        Timing,
+        read_timing,
+        timing_extensions,
+        write_timing,
+    )
+    from database.timing.words import WordTrack
+    from database.track import Interval, PhonemeTrack
+    from render.background import Background
+    from render.blend import BlendShape
+    from unitsel.costs import Weights
+    from unitsel.doctor.page import write_doctor_page
+    from unitsel.doctor.report import DoctorReport, doctor_report
+    from unitsel.explain import write_explanation
+    from unitsel.inspection import Inspection, inspect_database
+    from unitsel.likeness.evaluation import Evaluation, evaluate
+    from unitsel.likeness.folds import evaluate_folds
+    from unitsel.placed import Placed
+    from unitsel.provenance import Provenance
+    from unitsel.select import Fallback, Selection
+    from unitsel.settings import (
+        SelectionSettings,
+        TargetSettings,
+        default_settings,
+    )
+    from unitsel.speech.spoken import Speech, speak
+    from unitsel.speech_track import align_media, track_of_timing
+    from unitsel.streaming import StreamedFrame
+    from unitsel.synthesizer import Synthesizer
+    from unitsel.training.pareto import ParetoSettings
+    from unitsel.training.result import Training, TrainingSettings
+    from unitsel.training.train import train
+    from unitsel.writing import Encoding, Written
+
+_HOMES = {
+    "analysis.align": ("AlignSettings", "Attempt"),
+    "analysis.alignment": ("Alignment",),
+    "analysis.build": ("BuildReport", "BuildSettings", "build_database"),
+    "analysis.face": ("FaceSettings",),
+    "analysis.guide": ("GuideSettings",),
+    "analysis.lag": ("LagSettings",),
+    "analysis.merge": ("merge_databases",),
+    "analysis.motion": ("CropSettings", "MotionSettings"),
+    "analysis.texture": ("TextureSettings",),
+    "database.cost_definition": ("CostSettings", "FeatureWeights"),
+    "database.errors": (
+        "AlignmentError",
+        "CorpusError",
+        "DatabaseError",
+        "FaceError",
+        "MediaError",
+        "ModelError",
+        "PhonemeError",
+        "PronunciationError",
+        "RenderError",
+        "SelectionError",
+        "SpeechError",
+        "TimingError",
+        "TrackError",
+        "UnitselError",
+    ),
+    "database.lexicon": ("Lexicon", "spread_words"),
+    "database.phonemes": ("PHONEMES", "VISEMES"),
+    "database.planes": ("Colour", "Planes", "planes_to_rgb"),
+    "database.reader": ("UnitDatabase", "open_database"),
+    "database.sound": ("Sound", "read_sound"),
+    "database.timing": ("Timing", "read_timing", "timing_extensions", "write_timing"),
+    "database.timing.words": ("WordTrack",),
+    "database.track": ("Interval", "PhonemeTrack"),
+    "render.background": ("Background",),
+    "render.blend": ("BlendShape",),
+    "unitsel.costs": ("Weights",),
+    "unitsel.doctor.page": ("write_doctor_page",),
+    "unitsel.doctor.report": ("DoctorReport", "doctor_report"),
+    "unitsel.explain": ("write_explanation",),
+    "unitsel.inspection": ("Inspection", "inspect_database"),
+    "unitsel.likeness.evaluation": ("Evaluation", "evaluate"),
+    "unitsel.likeness.folds": ("evaluate_folds",),
+    "unitsel.placed": ("Placed",),
+    "unitsel.provenance": ("Provenance",),
+    "unitsel.select": ("Fallback", "Selection"),
+    "unitsel.settings": ("SelectionSettings", "TargetSettings", "default_settings"),
+    "unitsel.speech.spoken": ("Speech", "speak"),
+    "unitsel.speech_track": ("align_media", "track_of_timing"),
+    "unitsel.streaming": ("StreamedFrame",),
+    "unitsel.synthesizer": ("Synthesizer",),
+    "unitsel.training.pareto": ("ParetoSettings",),
+    "unitsel.training.result": ("Training", "TrainingSettings"),
+    "unitsel.training.train": ("train",),
+    "unitsel.writing": ("Encoding", "Written"),
+}
+"""The module that each public name is taken from when it is first used: to make a video takes none
+of the libraries that a build does."""
+
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 __version__ = "0.1.0"
 
@@ -114,6 +195,7 @@ __all__ = [
     "CropSettings",
     "DatabaseError",
     "DoctorReport",
+    "Encoding",
     "Evaluation",
     "FaceError",
     "FaceSettings",
@@ -130,8 +212,10 @@ __all__ = [
     "ParetoSettings",
     "PhonemeError",
     "PhonemeTrack",
+    "Placed",
     "Planes",
     "PronunciationError",
+    "Provenance",
     "RenderError",
     "Selection",
     "SelectionError",
@@ -139,6 +223,7 @@ __all__ = [
     "Sound",
     "Speech",
     "SpeechError",
+    "StreamedFrame",
     "Synthesizer",
     "TargetSettings",
     "TextureSettings",

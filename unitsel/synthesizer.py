@@ -136,6 +136,7 @@ class Synthesizer:
         selection: Selection,
         *,
         background: Background | None = None,
+        eyes: Background | None = None,
         fps: float | Fraction | None = None,
         size: tuple[int, int] | None = None,
         progress: Progress | None = None,
@@ -147,6 +148,8 @@ class Synthesizer:
         selection : Selection
         background : Background, optional
             By default the database's steadiest clip.
+        eyes : Background, optional
+            Clip of the person whose eyes (blinks, gaze) are laid on the background.
         fps : float, optional
             Frame rate of the pictures; by default the background's.
         size : (width, height), optional
@@ -165,7 +168,9 @@ class Synthesizer:
             If OpenGL cannot be started or the background cannot be read as it was tracked.
         """
         chosen = background or self.background()
-        pictures = self._pictures.draw(selection, chosen, fps=fps, size=size, progress=progress)
+        pictures = self._pictures.draw(
+            selection, chosen, fps=fps, size=size, eyes=eyes, progress=progress
+        )
         return cast(Iterator[Planes], pictures)
 
     def stream(
@@ -173,6 +178,7 @@ class Synthesizer:
         tracks: Iterable[Spoken],
         *,
         background: Background | None = None,
+        eyes: Background | None = None,
         fps: float | Fraction | None = None,
         size: tuple[int, int] | None = None,
         alpha: bool = False,
@@ -190,6 +196,8 @@ class Synthesizer:
             One an utterance; the next may be waited for. Iterated in a thread of its own.
         background : Background, optional
             By default the database's steadiest clip.
+        eyes : Background, optional
+            As in `render`.
         fps : float, optional
             Frame rate; by default the background's.
         size : (width, height), optional
@@ -221,7 +229,9 @@ class Synthesizer:
             )
 
         def draw(utterances: Iterator[Placed[Selection]]) -> Iterator[Frame]:
-            return self._pictures.draw_placed(utterances, chosen, rate, size=size, alpha=alpha)
+            return self._pictures.draw_placed(
+                utterances, chosen, rate, size=size, alpha=alpha, eyes=eyes
+            )
 
         return stream(tracks, select, draw, rate, look_ahead=look_ahead)
 
@@ -232,6 +242,7 @@ class Synthesizer:
         *,
         audio: str | Path | Sound | None = None,
         background: Background | str | Path | None = None,
+        eyes: Background | str | Path | None = None,
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
         progress: Progress | None = None,
@@ -249,6 +260,8 @@ class Synthesizer:
             ends with the selection; else it is encoded, cut or lengthened to that length.
         background : Background or path, optional
             By default the database's steadiest clip.
+        eyes : Background or path, optional
+            Clip of the person whose eyes (blinks, gaze) are laid on the background.
         fps : float, optional
             Frame rate; by default the background's.
         encoding : Encoding, optional
@@ -270,6 +283,8 @@ class Synthesizer:
         encoding.check(Path(path))
         if not isinstance(background, Background):
             background = self.background(background, progress=progress)
+        if eyes is not None and not isinstance(eyes, Background):
+            eyes = self.background(eyes, progress=progress)
         rate = snap_rate(background.fps if fps is None else fps)
         pictures = self._pictures.draw(
             selection,
@@ -277,6 +292,7 @@ class Synthesizer:
             fps=rate,
             size=encoding.size,
             alpha=encoding.alpha,
+            eyes=eyes,
             progress=progress,
         )
         return write_video(
@@ -296,10 +312,11 @@ class Synthesizer:
         *,
         audio: str | Path | None = None,
         background: Background | str | Path | None = None,
+        eyes: Background | str | Path | None = None,
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
         exclude_sequences: Collection[int | str] = (),
-        selected: Callable[[Selection], None] | None = None,
+        begun: Callable[[Placed[Selection]], None] | None = None,
         progress: Progress | None = None,
         seconds: float | None = None,
     ) -> Written:
@@ -313,10 +330,10 @@ class Synthesizer:
         audio : path, optional
             Sound of the whole; by default the utterances' own, each cut or lengthened by silence
             to its track.
-        background, fps, encoding, exclude_sequences
+        background, eyes, fps, encoding, exclude_sequences
             As in `write` and `stream`.
-        selected : callable, optional
-            Called with each selection, before its pictures.
+        begun : callable, optional
+            Called with each utterance, placed, before its first picture.
         progress : callable, optional
         seconds : float, optional
             Length of the whole, for the progress.
@@ -334,6 +351,8 @@ class Synthesizer:
         encoding.check(Path(path))
         if not isinstance(background, Background):
             background = self.background(background, progress=progress)
+        if eyes is not None and not isinstance(eyes, Background):
+            eyes = self.background(eyes, progress=progress)
         rate = snap_rate(background.fps if fps is None else fps)
         frames = self.stream(
             tracks,
@@ -341,6 +360,7 @@ class Synthesizer:
             fps=rate,
             size=encoding.size,
             alpha=encoding.alpha,
+            eyes=eyes,
             exclude_sequences=exclude_sequences,
         )
         return write_stream(
@@ -351,7 +371,7 @@ class Synthesizer:
             audio=audio,
             encoding=encoding,
             provenance=self.provenance(encoding.comment),
-            begun=None if selected is None else (lambda u: selected(u.selection)),
+            begun=begun,
             progress=progress,
             seconds=seconds,
         )

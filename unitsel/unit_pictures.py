@@ -10,8 +10,8 @@ import threading
 import weakref
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing
-from dataclasses import dataclass, replace
+from contextlib import closing, nullcontext
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Final
@@ -21,16 +21,19 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import RenderError
-from database.mask import Camera, cut_crop, project
+from database.mask import Camera
 from database.media import snap_rate
 from database.pictures import Picture
-from database.planes import Planes, planes_to_rgb
+from database.planes import Planes
 from database.reader import UnitDatabase
 from database.track import frame_count
 from render.background import Background
-from render.blend import BlendShape, blend_alpha, ring_weights
-from render.compose import apply_gain, composite, fit_gain
+from render.blend import BlendShape, blend_alpha
+from render.colour_transfer import ColourTransfer
+from render.compose import composite, cut_from_planes
+from render.eyes import Eyes
 from render.layer_picture import layer_picture
+from render.mouth_painter import DecodedFrame, MouthPainter
 from render.playback import GoingOn, Playback, PlayedFrame
 from render.scene import MouthLayer, Scene
 from unitsel.ahead import Ahead
@@ -39,9 +42,6 @@ from unitsel.select import Selection
 from unitsel.writing import Frame
 
 Progress = Callable[[str, int, int], None]
-
-GAIN_MEMORY: Final = 0.7
-"""How much of the last frame's colour gain a frame keeps inside a segment: fits flicker."""
 
 READ_AHEAD: Final = 12
 """Frames that are decoded before they are drawn."""
@@ -53,17 +53,6 @@ BACKGROUNDS_KEPT: Final = 4
 """Backgrounds of which it is remembered how they go on."""
 
 Size = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """What a frame is drawn from."""
-
-    frame: PlayedFrame
-    planes: Planes
-    unit: int
-    crop: Picture
-    fitted: npt.NDArray[np.float64]
 
 
 class UnitPictures:
@@ -89,8 +78,8 @@ class UnitPictures:
         return blend_alpha(self._database.mask, self._blend)
 
     @cached_property
-    def _ring(self) -> npt.NDArray[np.float32]:
-        return ring_weights(self._alpha)
+    def _transfer(self) -> ColourTransfer:
+        return ColourTransfer(self._alpha)
 
     def draw(
         self,
@@ -100,13 +89,16 @@ class UnitPictures:
         fps: float | Fraction | None = None,
         size: Size | None = None,
         alpha: bool = False,
+        eyes: Background | None = None,
         progress: Progress | None = None,
     ) -> Iterator[Frame]:
         """Draw a selection; see `Synthesizer.render` and `draw_placed`."""
         rate = snap_rate(background.fps if fps is None else fps)
         n = frame_count(selection.duration, float(rate))
         whole = iter([Placed(selection, 0, 0.0, 0, n)])
-        pictures = self.draw_placed(whole, background, rate, size=size, alpha=alpha, length=n)
+        pictures = self.draw_placed(
+            whole, background, rate, size=size, alpha=alpha, eyes=eyes, length=n
+        )
         with closing(pictures):
             for i, picture in enumerate(pictures):
                 yield picture
@@ -121,6 +113,7 @@ class UnitPictures:
         *,
         size: Size | None = None,
         alpha: bool = False,
+        eyes: Background | None = None,
         length: int | None = None,
     ) -> Generator[Frame, None, None]:
         """Draw utterances one after another, the background going on through all of them.
@@ -136,6 +129,8 @@ class UnitPictures:
             Of the pictures; by default the background's.
         alpha : bool
             Draw the mouth alone.
+        eyes : Background, optional
+            Whose eyes are laid on the background.
         length : int, optional
             Frames in all, where that is known.
 
@@ -144,12 +139,15 @@ class UnitPictures:
         Planes, or (height, width, 4) uint8
             The picture's planes, or the mouth's RGB and alpha, not premultiplied.
         """
-        with closing(self._layers(utterances, background, rate, size, length)) as layers:
-            for ready, layer in layers:
+        if alpha and eyes is not None:
+            raise RenderError("eyes are laid on a background, and a mouth alone has none")
+        drawn = self._layers(utterances, background, rate, size, eyes, length)
+        with closing(drawn) as layers:
+            for decoded, layer in layers:
                 if alpha:
-                    yield layer_picture(layer, ready.planes.width, ready.planes.height)
+                    yield layer_picture(layer, decoded.planes.width, decoded.planes.height)
                 else:
-                    yield composite(ready.planes, layer, ready.frame.colour)
+                    yield composite(decoded.planes, layer, decoded.frame.colour)
 
     def _layers(
         self,
@@ -157,44 +155,59 @@ class UnitPictures:
         background: Background,
         rate: Fraction,
         size: Size | None,
+        eyes: Background | None,
         length: int | None,
-    ) -> Generator[tuple[_Ready, MouthLayer], None, None]:
+    ) -> Generator[tuple[DecodedFrame, MouthLayer], None, None]:
         """The mouth of each frame, and what it was drawn from."""
-        sequence = self._database.units.sequence
-        gain: npt.NDArray[np.float64] | None = None
-        before: int | None = None
         with self._played(background, rate, length) as played:
             own = (played.width, played.height)
             size = own if size is None else size
             check_size(size, own, background)
-            scene = self._scene(self._database.camera.scaled_to(*size))
-            steps = self._read(utterances, played, rate, size)
-            with Ahead(steps, READ_AHEAD, "reading") as ahead:
-                for ready in ahead:
-                    if gain is None or before is None or sequence[ready.unit] != sequence[before]:
-                        gain = ready.fitted
-                    else:
-                        gain = GAIN_MEMORY * gain + (1 - GAIN_MEMORY) * ready.fitted
-                    before = ready.unit
-                    layer = scene.draw(apply_gain(ready.crop, gain), ready.frame.pose)
-                    yield ready, layer
+            painter = self.painter(size)
+            steps = self.decoded(utterances, played, rate, size)
+            mask, camera = self._database.mask, self._database.camera
+            laid = nullcontext() if eyes is None else Eyes(eyes, mask, camera, rate, *size)
+            with Ahead(steps, READ_AHEAD, "reading") as ahead, laid as own_eyes:
+                for decoded in ahead:
+                    layer = painter.paint(decoded)
+                    if own_eyes is not None:
+                        pose, colour = decoded.frame.pose, decoded.frame.colour
+                        planes = own_eyes.lay(decoded.planes, pose, colour)
+                        decoded = replace(decoded, planes=planes)
+                    yield decoded, layer
 
-    def _read(
+    def painter(self, size: Size) -> MouthPainter:
+        """What draws the mouths of one video, in pictures of a size."""
+        scene = self._scene(self._database.camera.scaled_to(*size))
+        return MouthPainter(scene, self._transfer, self._database.units.sequence)
+
+    def decoded(
         self,
         utterances: Iterable[Placed[Selection]],
         played: Playback,
         rate: Fraction,
         size: Size,
-    ) -> Iterator[_Ready]:
-        """Read and decode what the frames of utterances are made of."""
+    ) -> Iterator[DecodedFrame]:
+        """Read and decode what the frames of utterances are made of.
+
+        Parameters
+        ----------
+        utterances : iterable of Placed
+        played : Playback
+            The background.
+        rate : Fraction
+            Frames a second.
+        size : (width, height)
+            Of the pictures.
+        """
         crops: OrderedDict[tuple[int, int], Picture] = OrderedDict()
         for utterance in utterances:
             for unit in units_of(utterance, rate).tolist():
                 frame = next(played)
                 crop = self._database.picture(unit)
                 seen = self._seen(frame, played.camera, crops)
-                fitted = fit_gain(seen, crop, self._ring)
-                yield _Ready(frame, resized(frame.planes, size), unit, crop, fitted)
+                fitted = self._transfer.field(seen, crop)
+                yield DecodedFrame(frame, resized(frame.planes, size), unit, crop, fitted)
 
     def _seen(
         self,
@@ -208,14 +221,7 @@ class UnitPictures:
             kept.move_to_end(key)
             return kept[key]
         patch = self._database.mask.patch
-        # Of the picture only the part that the mouth lies in is converted.
-        points = project(patch.grid, frame.pose, camera).reshape(-1, 2)
-        height, width = frame.planes.y.shape
-        x0, y0 = np.clip(points.min(axis=0) // 2 * 2 - 4, 0, (width - 2, height - 2)).astype(int)
-        x1, y1 = np.clip(points.max(axis=0) // 2 * 2 + 6, (x0 + 2, y0 + 2), (width, height))
-        rgb = planes_to_rgb(part_of(frame.planes, x0, y0, int(x1), int(y1)), frame.colour)
-        near = replace(camera, cx=camera.cx - x0, cy=camera.cy - y0)
-        crop = cut_crop(rgb, patch, frame.pose, near)
+        crop = cut_from_planes(frame.planes, frame.colour, patch, frame.pose, camera)
         if not frame.blended:
             kept[key] = crop
             while len(kept) * crop.nbytes > CROPS_KEPT:
@@ -288,9 +294,3 @@ def resized(planes: Planes, size: Size) -> Planes:
         for plane, wanted in ((planes.y, size), (planes.u, half), (planes.v, half))
     )
     return Planes(y, u, v)
-
-
-def part_of(planes: Planes, x0: int, y0: int, x1: int, y1: int) -> Planes:
-    """A box of a picture, at even coordinates; views, not copies."""
-    rows, columns = slice(y0 // 2, y1 // 2), slice(x0 // 2, x1 // 2)
-    return Planes(planes.y[y0:y1, x0:x1], planes.u[rows, columns], planes.v[rows, columns])

@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from types import ModuleType
+from typing import Any, NoReturn
 
 import unitsel
 from database.errors import UnitselError
-from unitsel.cli import (
-    align,
-    build,
-    doctor,
-    dub,
-    evaluate,
-    inspect,
-    merge,
-    portrait,
-    say,
-    synth,
-    train,
-)
 from unitsel.cli.output import Output
 
-COMMANDS = (build, merge, portrait, say, dub, synth, align, inspect, doctor, evaluate, train)
+NAMES = (
+    *("build", "merge", "portrait", "say", "dub", "synth", "align", "inspect", "doctor"),
+    *("evaluate", "train"),
+)
+"""The commands, each a module of this name."""
 
 USAGE_ERROR = 2
 """Exit status of bad input."""
 
 DEBUG_ENV = "UNITSEL_DEBUG"
 """Environment variable that asks for tracebacks."""
+
+
+def command_modules(names: Sequence[str] = NAMES) -> tuple[ModuleType, ...]:
+    """Load the modules of some commands."""
+    return tuple(importlib.import_module(f"unitsel.cli.{name}") for name in names)
+
+
+def __getattr__(name: str) -> Any:
+    if name != "COMMANDS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return command_modules()
 
 
 class UsageError(UnitselError):
@@ -46,15 +50,18 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line, for `main` and for its tests."""
+def parser(names: Sequence[str] = NAMES) -> argparse.ArgumentParser:
+    """The command line, with all commands or some of them.
+
+    A command that is not asked for is not loaded: a build needs libraries that take seconds.
+    """
     top = Parser(
         prog="unitsel",
         description="Image-based talking heads by unit selection: a real person's mouth.",
     )
     top.add_argument("--version", action="version", version=f"unitsel {unitsel.__version__}")
     commands = top.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in COMMANDS:
+    for command in command_modules(names):
         sub = command.add(commands)
         sub.add_argument(
             "--json", action="store_true", help="print one JSON object on standard output"
@@ -68,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     output = Output(json="--json" in given)
     try:
-        options = parser().parse_args(given)
+        options = parser(given[:1] if given[:1] and given[0] in NAMES else NAMES).parse_args(given)
         output.json = options.json
         options.run(options, output)
     except UnitselError as error:

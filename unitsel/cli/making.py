@@ -66,6 +66,11 @@ def add_making(parser: argparse.ArgumentParser) -> None:
         help="video of the person (default: the steadiest clip that the database was built from)",
     )
     parser.add_argument(
+        "--eyes",
+        metavar="VIDEO",
+        help="video of the person whose eyes (blinks, gaze) are laid on the background",
+    )
+    parser.add_argument(
         "--fps", type=positive_number, metavar="F", help="frame rate (default: the background's)"
     )
     parser.add_argument(
@@ -185,6 +190,7 @@ def make(
                 options.output,
                 audio=audio,
                 background=options.background,
+                eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
                 progress=output.progress,
@@ -197,9 +203,10 @@ def make(
                 options.output,
                 audio=audio,
                 background=options.background,
+                eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
-                selected=told.add,
+                begun=lambda utterance: told.add(utterance.selection),
                 progress=output.progress,
                 seconds=track.end,
             )
