@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from analysis.lag import LagSettings
     from analysis.merge import merge_databases
     from analysis.motion import CropSettings, MotionSettings
+    from analysis.portrait import PortraitReport, PortraitSettings, make_portrait
+    from analysis.portrait_adjust import Adjustment, Drag, adjust, read_adjustment
     from analysis.texture import TextureSettings
     from database.cost_definition import CostSettings, FeatureWeights
     from database.errors import (
@@ -62,9 +64,12 @@ if TYPE_CHECKING:
         TrackError,
         UnitselError,
     )
+    from database.heads import open_head
     from database.lexicon import Lexicon, spread_words
     from database.phonemes import PHONEMES, VISEMES
     from database.planes import Colour, Planes, planes_to_rgb
+    from database.portrait_file import PortraitHead
+    from database.portrait_mesh import FaceMotion
     from database.reader import UnitDatabase, open_database
     from database.sound import Sound, read_sound
     from database.timing import (
@@ -81,10 +86,15 @@ if TYPE_CHECKING:
     from unitsel.doctor.page import write_doctor_page
     from unitsel.doctor.report import DoctorReport, doctor_report
     from unitsel.explain import write_explanation
+    from unitsel.heads import synthesizer_of
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
     from unitsel.placed import Placed
+    from unitsel.portrait.driver import DriveSettings
+    from unitsel.portrait.facts import PortraitFacts, inspect_portrait
+    from unitsel.portrait.performance import Performance
+    from unitsel.portrait.synthesizer import PortraitSynthesizer
     from unitsel.provenance import Provenance
     from unitsel.select import Fallback, Selection
     from unitsel.settings import (
@@ -102,16 +112,40 @@ if TYPE_CHECKING:
     from unitsel.writing import Encoding, Written
 
 _HOMES = {
-    "analysis.align": ("AlignSettings", "Attempt"),
+    "analysis.align": (
+        "AlignSettings",
+        "Attempt",
+    ),
     "analysis.alignment": ("Alignment",),
-    "analysis.build": ("BuildReport", "BuildSettings", "build_database"),
+    "analysis.build": (
+        "BuildReport",
+        "BuildSettings",
+        "build_database",
+    ),
     "analysis.face": ("FaceSettings",),
     "analysis.guide": ("GuideSettings",),
     "analysis.lag": ("LagSettings",),
     "analysis.merge": ("merge_databases",),
-    "analysis.motion": ("CropSettings", "MotionSettings"),
+    "analysis.motion": (
+        "CropSettings",
+        "MotionSettings",
+    ),
+    "analysis.portrait": (
+        "PortraitReport",
+        "PortraitSettings",
+        "make_portrait",
+    ),
+    "analysis.portrait_adjust": (
+        "Adjustment",
+        "Drag",
+        "adjust",
+        "read_adjustment",
+    ),
     "analysis.texture": ("TextureSettings",),
-    "database.cost_definition": ("CostSettings", "FeatureWeights"),
+    "database.cost_definition": (
+        "CostSettings",
+        "FeatureWeights",
+    ),
     "database.errors": (
         "AlignmentError",
         "CorpusError",
@@ -128,35 +162,98 @@ _HOMES = {
         "TrackError",
         "UnitselError",
     ),
-    "database.lexicon": ("Lexicon", "spread_words"),
-    "database.phonemes": ("PHONEMES", "VISEMES"),
-    "database.planes": ("Colour", "Planes", "planes_to_rgb"),
-    "database.reader": ("UnitDatabase", "open_database"),
-    "database.sound": ("Sound", "read_sound"),
-    "database.timing": ("Timing", "read_timing", "timing_extensions", "write_timing"),
+    "database.heads": ("open_head",),
+    "database.lexicon": (
+        "Lexicon",
+        "spread_words",
+    ),
+    "database.phonemes": (
+        "PHONEMES",
+        "VISEMES",
+    ),
+    "database.planes": (
+        "Colour",
+        "Planes",
+        "planes_to_rgb",
+    ),
+    "database.portrait_file": ("PortraitHead",),
+    "database.portrait_mesh": ("FaceMotion",),
+    "database.reader": (
+        "UnitDatabase",
+        "open_database",
+    ),
+    "database.sound": (
+        "Sound",
+        "read_sound",
+    ),
+    "database.timing": (
+        "Timing",
+        "read_timing",
+        "timing_extensions",
+        "write_timing",
+    ),
     "database.timing.words": ("WordTrack",),
-    "database.track": ("Interval", "PhonemeTrack"),
+    "database.track": (
+        "Interval",
+        "PhonemeTrack",
+    ),
     "render.background": ("Background",),
     "render.blend": ("BlendShape",),
     "unitsel.costs": ("Weights",),
     "unitsel.doctor.page": ("write_doctor_page",),
-    "unitsel.doctor.report": ("DoctorReport", "doctor_report"),
+    "unitsel.doctor.report": (
+        "DoctorReport",
+        "doctor_report",
+    ),
     "unitsel.explain": ("write_explanation",),
-    "unitsel.inspection": ("Inspection", "inspect_database"),
-    "unitsel.likeness.evaluation": ("Evaluation", "evaluate"),
+    "unitsel.heads": ("synthesizer_of",),
+    "unitsel.inspection": (
+        "Inspection",
+        "inspect_database",
+    ),
+    "unitsel.likeness.evaluation": (
+        "Evaluation",
+        "evaluate",
+    ),
     "unitsel.likeness.folds": ("evaluate_folds",),
     "unitsel.placed": ("Placed",),
+    "unitsel.portrait.driver": ("DriveSettings",),
+    "unitsel.portrait.facts": (
+        "PortraitFacts",
+        "inspect_portrait",
+    ),
+    "unitsel.portrait.performance": ("Performance",),
+    "unitsel.portrait.synthesizer": ("PortraitSynthesizer",),
     "unitsel.provenance": ("Provenance",),
-    "unitsel.select": ("Fallback", "Selection"),
-    "unitsel.settings": ("SelectionSettings", "TargetSettings", "default_settings"),
-    "unitsel.speech.spoken": ("Speech", "speak"),
-    "unitsel.speech_track": ("align_media", "track_of_timing"),
+    "unitsel.select": (
+        "Fallback",
+        "Selection",
+    ),
+    "unitsel.settings": (
+        "SelectionSettings",
+        "TargetSettings",
+        "default_settings",
+    ),
+    "unitsel.speech.spoken": (
+        "Speech",
+        "speak",
+    ),
+    "unitsel.speech_track": (
+        "align_media",
+        "track_of_timing",
+    ),
     "unitsel.streaming": ("StreamedFrame",),
     "unitsel.synthesizer": ("Synthesizer",),
     "unitsel.training.pareto": ("ParetoSettings",),
-    "unitsel.training.result": ("Training", "TrainingSettings"),
+    "unitsel.training.result": (
+        "Training",
+        "TrainingSettings",
+    ),
     "unitsel.training.train": ("train",),
-    "unitsel.writing": ("Encoding", "Written"),
+    "unitsel.writing": (
+        "Encoding",
+        "Written",
+    ),
 }
 """The module that each public name is taken from when it is first used: to make a video takes none
 of the libraries that a build does."""
@@ -181,6 +278,7 @@ __version__ = "0.1.0"
 __all__ = [
     "PHONEMES",
     "VISEMES",
+    "Adjustment",
     "AlignSettings",
     "Alignment",
     "AlignmentError",
@@ -195,9 +293,12 @@ __all__ = [
     "CropSettings",
     "DatabaseError",
     "DoctorReport",
+    "Drag",
+    "DriveSettings",
     "Encoding",
     "Evaluation",
     "FaceError",
+    "FaceMotion",
     "FaceSettings",
     "Fallback",
     "FeatureWeights",
@@ -210,10 +311,16 @@ __all__ = [
     "ModelError",
     "MotionSettings",
     "ParetoSettings",
+    "Performance",
     "PhonemeError",
     "PhonemeTrack",
     "Placed",
     "Planes",
+    "PortraitFacts",
+    "PortraitHead",
+    "PortraitReport",
+    "PortraitSettings",
+    "PortraitSynthesizer",
     "PronunciationError",
     "Provenance",
     "RenderError",
@@ -238,6 +345,7 @@ __all__ = [
     "WordTrack",
     "Written",
     "__version__",
+    "adjust",
     "align_media",
     "build_database",
     "default_settings",
@@ -245,13 +353,18 @@ __all__ = [
     "evaluate",
     "evaluate_folds",
     "inspect_database",
+    "inspect_portrait",
+    "make_portrait",
     "merge_databases",
     "open_database",
+    "open_head",
     "planes_to_rgb",
+    "read_adjustment",
     "read_sound",
     "read_timing",
     "speak",
     "spread_words",
+    "synthesizer_of",
     "timing_extensions",
     "track_of_timing",
     "train",
