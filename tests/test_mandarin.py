@@ -155,7 +155,7 @@ def test_a_sentence_has_its_syllables_in_time() -> None:
     assert closed[0].start == pytest.approx(m.start, abs=0.01)
     assert closed[0].end == pytest.approx(m.onset, abs=0.01)
     assert speech.words is not None and "忘记" in "".join(speech.words.words)
-    assert speech.notes == ("shown by espeak's own sounds, not by Pinyin: hello",)
+    assert speech.notes == ("said as espeak reads them, without Pinyin: hello",)
     assert unitsel.speak("hello", voice="en-us").syllables == ()
 
 

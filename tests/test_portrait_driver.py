@@ -329,8 +329,14 @@ def test_options_become_settings() -> None:
         driving_settings(options("--still", "--head-motion", "2"))
     refuse_driving(options())
     for given in (["--still"], ["--emotion", "joy"], ["--seed", "0"], ["--like", "you.h5"]):
-        with pytest.raises(SelectionError, match=f"{given[0]}: is for portraits only"):
+        with pytest.raises(SelectionError, match=f"{given[0]}: is for portraits"):
             refuse_driving(options(*given))
+    behind = options("--head-motion", "1", "--seed", "2")
+    behind.background = "me.mp4"
+    with pytest.raises(SelectionError, match="photos as backgrounds only"):
+        refuse_driving(behind)
+    behind.background = "me.JPG"
+    refuse_driving(behind)
 
 
 def test_constants_fit_one_another() -> None:

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import argparse
 import math
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import Final
 
 from database.errors import SelectionError
+from unitsel.cli.output import Output
 from unitsel.portrait.driver import DriveSettings
 from unitsel.portrait.emotions import EMOTIONS, parse_emotion
+from unitsel.portrait.living import living_still
 
-_OPTIONS = ("emotion", "still", "seed", "amplitude", "blink_every", "head_motion", "like")
+_OPTIONS: Final = ("emotion", "still", "seed", "amplitude", "blink_every", "head_motion", "like")
+_LIFE: Final = ("blink_every", "head_motion", "seed")
+"""Those that a photo behind a database's mouth can be given."""
+
+PHOTOS: Final = (".jpg", ".jpeg", ".png")
+
+LONGEST_STILL: Final = 60.0
+"""Seconds of a living photo that are made."""
 
 
 def add_driving(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +59,8 @@ def add_driving(parser: argparse.ArgumentParser) -> None:
         "--head-motion",
         type=_Upto(4),
         metavar="F",
-        help="head motion and unrest, as a factor, 0 for none (default: 1)",
+        help="head motion and unrest, as a factor, 0 for none (default: 1); with footage, "
+        "gives a photo that is the --background life",
     )
     group.add_argument(
         "--like",
@@ -89,18 +104,66 @@ def driving_settings(options: argparse.Namespace) -> DriveSettings:
 def refuse_driving(options: argparse.Namespace) -> None:
     """Refuse options that would change nothing in footage.
 
+    A photo as the background can be given life.
+
     Raises
     ------
     SelectionError
         Naming the first of them.
     """
+    photo = photo_behind(options)
     for name in _OPTIONS:
-        given = getattr(options, name, None)
-        if given is not None and given is not False:
+        if _given(options, name) and not (photo is not None and name in _LIFE):
+            besides = " and photos as backgrounds" if name in _LIFE else ""
             raise SelectionError(
-                f"--{name.replace('_', '-')}: is for portraits only, and {options.database} was "
-                "built from footage; leave it out"
+                f"--{name.replace('_', '-')}: is for portraits{besides} only, and "
+                f"{options.database} was built from footage; leave it out"
             )
+
+
+def photo_behind(options: argparse.Namespace) -> Path | None:
+    """The photo that is the background, if it is one."""
+    named = getattr(options, "background", None)
+    paths = [named] if isinstance(named, str) else list(named or [])
+    if len(paths) != 1 or Path(paths[0]).suffix.lower() not in PHOTOS:
+        return None
+    return Path(paths[0])
+
+
+@contextmanager
+def living_background(
+    options: argparse.Namespace, seconds: float, output: Output
+) -> Iterator[str | Path | None]:
+    """The background, alive if it is a photo that is to live; None where there is no such photo.
+
+    Parameters
+    ----------
+    options : Namespace
+    seconds : float
+        How long it is wanted; longer ones go on as footage does.
+    output : Output
+    """
+    photo = photo_behind(options)
+    if photo is None or not any(_given(options, name) for name in _LIFE):
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="unitsel-") as folder:
+        moved = Path(folder) / f"{photo.stem}.mp4"
+        living_still(
+            photo,
+            moved,
+            min(seconds + 0.5, LONGEST_STILL),
+            fps=options.fps or 25,
+            settings=driving_settings(options),
+            models=options.models,
+            progress=output.progress,
+        )
+        yield moved
+
+
+def _given(options: argparse.Namespace, name: str) -> bool:
+    value = getattr(options, name, None)
+    return value is not None and value is not False
 
 
 def _whole(text: str) -> int:

@@ -27,7 +27,7 @@ from unitsel.cli.arguments import (
     quality,
     selection_settings,
 )
-from unitsel.cli.driving import add_driving, refuse_driving
+from unitsel.cli.driving import add_driving, living_background, refuse_driving
 from unitsel.cli.making_portrait import check_portrait_options, make_of_portrait
 from unitsel.cli.output import Output
 from unitsel.explain import explain, write_explanation
@@ -173,7 +173,11 @@ def make(
         )
         return Made(document, text, None)
     refuse_driving(options)
-    with open_database(options.database) as database:
+    with (
+        living_background(options, track.end, output) as alive,
+        open_database(options.database) as database,
+    ):
+        background = alive or options.background
         settings = _settings(options, database, hearing)
         synthesizer = Synthesizer(database, settings, models=options.models)
         hears = settings.target.guide == "sound" and audio is not None
@@ -189,7 +193,7 @@ def make(
                 selection,
                 options.output,
                 audio=audio,
-                background=options.background,
+                background=background,
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
@@ -202,7 +206,7 @@ def make(
                 _spoken(parts, sound),
                 options.output,
                 audio=audio,
-                background=options.background,
+                background=background,
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
@@ -210,6 +214,8 @@ def make(
                 progress=output.progress,
                 seconds=track.end,
             )
+    if alive is not None:
+        written = replace(written, background=Path(options.background))
     return _made(options, written, told, settings)
 
 

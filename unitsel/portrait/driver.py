@@ -233,9 +233,10 @@ def syllable_spans(syllables: Sequence[TimedSyllable]) -> list[Span]:
     out = []
     for syllable in syllables:
         parts = split(syllable.pinyin)
-        labial = parts.initial in ("b", "p", "m", "f")
-        held = syllable.onset - syllable.start if labial else 0.0
-        leads = labial or not parts.initial
+        # The first mouth is kept while the initial sounds: a closure until it is released, and
+        # the final's own until it is heard (the second rule of section 4.1).
+        held = syllable.onset - syllable.start
+        leads = parts.initial in ("", "b", "p", "m", "f")
         out.append(Span(syllable.start, syllable.end, syllable_shapes(parts), held, leads))
     return out
 
@@ -267,7 +268,7 @@ def phoneme_spans(track: PhonemeTrack, wanted: npt.NDArray[np.bool_] | None = No
         if own < 1 and (beside := _vowel_beside(phonemes, visemes, own_shapes, i)) is not None:
             shapes = own * shapes + (1 - own) * beside
         length = float(bounds[i + 1] - bounds[i])
-        held = length if phoneme in CLOSURES else 0.6 * length if phoneme in BITES else 0.0
+        held = length if phoneme in CLOSURES else 0.8 * length if phoneme in BITES else 0.0
         out.append(Span(float(bounds[i]), float(bounds[i + 1]), shapes, held))
     return out
 

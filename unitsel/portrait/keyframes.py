@@ -140,7 +140,7 @@ _FINALS: Final[dict[str, str]] = {
     "ai": "open 1; spread 0.8 half 0.2", "ei": "half 1; spread 1",
     "ao": "open 1; round 0.8 pucker 0.2", "ou": "round 1; pucker 1",
     "an": "open 1; half 0.6 teeth 0.4", "en": "half 1; half 0.4 teeth 0.6",
-    "ang": "open 1; half 1", "eng": "half 1", "ong": "pucker 0.6 round 0.4; round 1",
+    "ang": "open 1; half 0.55 open 0.45", "eng": "half 1", "ong": "pucker 0.6 round 0.4; round 1",
     "n": "spread 0.8 teeth 0.2", "ng": "spread 0.7 half 0.3",
 }  # fmt: skip
 _AFTER_I_OR_Ü_AN: Final = "half 0.8 spread 0.2; half 0.4 teeth 0.6"

@@ -160,10 +160,10 @@ def timed_syllables(
 
 
 def told(others: Sequence[str]) -> str:
-    """A line that names the words which espeak's own sounds stand for."""
+    """A line that names the words which are not said by their Pinyin."""
     first = ", ".join(dict.fromkeys(others[:_TOLD]))
     more = f" and {len(others) - _TOLD} more" if len(others) > _TOLD else ""
-    return f"shown by espeak's own sounds, not by Pinyin: {first}{more}"
+    return f"said as espeak reads them, without Pinyin: {first}{more}"
 
 
 def _matching(spoken: str, heard: Sequence[Interval]) -> int:
