@@ -30,6 +30,7 @@ from database.portrait_mesh import (
     N_MASK,
     OUTER_LIPS,
     RIGHT_EYE,
+    SKIN_TRIANGLES,
     UPPER_INNER,
     Indices,
 )
@@ -51,6 +52,17 @@ BEYOND: Final = 0.05
 """Units that the rings keep outside the face where the photo ends."""
 
 _PLACED: Final = frozenset(np.concatenate([OUTER_LIPS, INNER_LIPS, LEFT_EYE, RIGHT_EYE]).tolist())
+
+_HELD: Final = _PLACED | frozenset(FRAME.tolist())
+_NEIGHBOURS: Final = [
+    np.setdiff1d(SKIN_TRIANGLES[(v == SKIN_TRIANGLES).any(axis=1)], [v]) for v in range(N_MASK)
+]
+
+ROUNDS: Final = 60
+"""Times that folded triangles are eased, at most."""
+
+LEAST_AREA: Final = 2e-5
+"""Twice the least area of a triangle, units squared."""
 
 
 def fit_mask(
@@ -85,6 +97,7 @@ def fit_mask(
         _draw_along(vertices, before, eye, unit)
     height, width = picture.shape[:2]
     _place_rings(vertices, width, height)
+    _unfold(vertices, unit)
     return TalkMask(vertices, width, height)
 
 
@@ -193,3 +206,20 @@ def _place_rings(vertices: F64, width: int, height: int) -> None:
     low = np.minimum(-0.5, face.min(axis=0) - BEYOND * unit)
     high = np.maximum((width - 0.5, height - 0.5), face.max(axis=0) + BEYOND * unit)
     vertices[ring] = np.clip(vertices[ring], low, high)
+
+
+def _unfold(vertices: F64, unit: float) -> None:
+    """Draw the far cheek of a face that is turned a little out from behind itself.
+
+    Vertices of triangles that are turned over go towards the middle of their neighbours, round
+    after round, until none is; lips, eyes and frame stay.
+    """
+    for _ in range(ROUNDS):
+        a, b, c = (vertices[SKIN_TRIANGLES[:, k]] for k in range(3))
+        u, v = b - a, c - a
+        flat = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] < LEAST_AREA * unit**2
+        loose = [v for v in np.unique(SKIN_TRIANGLES[flat]).tolist() if v not in _HELD]
+        if not loose:
+            return
+        places = [vertices[_NEIGHBOURS[v]].mean(axis=0) for v in loose]
+        vertices[loose] = 0.5 * vertices[loose] + 0.5 * np.array(places)
