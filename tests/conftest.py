@@ -9,12 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+import matplotlib.cbook as cbook
 import numpy as np
 import pytest
 
 from analysis.build import BuildReport, build_database
 from analysis.face import FaceFinder
 from analysis.models import CHECKSUMS, MODELS_ENV, FaceModels, cache_folder, find_models
+from analysis.portrait import make_portrait
 from unitsel.cli import main
 
 HERE = Path(__file__).parent
@@ -115,6 +117,22 @@ def heldout() -> Path:
 def portrait(puppet: ModuleType) -> np.ndarray:
     """Grace Hopper, (height, width, 3) uint8 RGB: a real face, mouth closed."""
     return puppet.portrait()
+
+
+@pytest.fixture(scope="session")
+def portrait_photo() -> Path:
+    """Give the file of the portrait that matplotlib ships."""
+    return Path(str(cbook.get_sample_data("grace_hopper.jpg", asfileobj=False)))
+
+
+@pytest.fixture(scope="session")
+def portrait_head(
+    portrait_photo: Path, face_models: FaceModels, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Make a head of the portrait; tests read it and leave it as it is."""
+    path = tmp_path_factory.mktemp("head") / "grace.h5"
+    make_portrait(portrait_photo, path)
+    return path
 
 
 @pytest.fixture
