@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 import unitsel
+import unitsel.speech.spoken
 from analysis.utterance import say
-from database.errors import PronunciationError
+from database.errors import PronunciationError, SpeechError
 from database.pinyin import INITIALS, RIMES, Syllable, split
 from unitsel.portrait.keyframes import N_KEYS, NAMES, syllable_shapes
+from unitsel.speech import mandarin
 from unitsel.speech.mandarin import IN_PINYIN, Word, spelled, timed_syllables, told, words_of
 from unitsel.speech.mandarin import _for_espeak as for_espeak
 
@@ -29,6 +31,11 @@ TABLE: dict[str, str] = json.loads(
 @pytest.fixture
 def espeak() -> None:
     pytest.importorskip("espeakng_loader", reason="needs the optional extra `espeak`")
+
+
+@pytest.fixture
+def pinyin() -> None:
+    pytest.importorskip("pypinyin", reason="needs the optional extra `mandarin`")
 
 
 def mouths(pinyin: str) -> list[str]:
@@ -94,6 +101,7 @@ def test_spelling_is_undone(pinyin: str, expected: tuple[str, str, str]) -> None
     assert split(pinyin) == Syllable(*expected)
 
 
+@pytest.mark.usefixtures("pinyin")
 def test_all_that_pypinyin_reads_is_understood() -> None:
     from pypinyin.contrib.tone_convert import to_normal
     from pypinyin.pinyin_dict import pinyin_dict
@@ -110,6 +118,7 @@ def test_all_that_pypinyin_reads_is_understood() -> None:
             split(wrong)
 
 
+@pytest.mark.usefixtures("pinyin")
 def test_readings_and_tones_depend_on_the_words() -> None:
     def read(text: str) -> list[str]:
         return [f"{s}{t}" for w in words_of(text) for s, t in w.syllables]
@@ -143,7 +152,7 @@ def test_espeak_says_every_syllable_in_one_piece() -> None:
         assert (s.start < s.onset < s.end) if has else s.onset == s.start, s
 
 
-@pytest.mark.usefixtures("espeak")
+@pytest.mark.usefixtures("espeak", "pinyin")
 def test_a_sentence_has_its_syllables_in_time() -> None:
     speech = unitsel.speak("妈妈忘记了银行。花儿 hello 好", voice="cmn")
     names = [s.pinyin for s in speech.syllables]
@@ -162,3 +171,14 @@ def test_a_sentence_has_its_syllables_in_time() -> None:
 def test_a_note_names_a_few() -> None:
     assert told(["a", "b"]).endswith("Pinyin: a, b")
     assert told(list("abcdef")).endswith("Pinyin: a, b, c, d and 2 more")
+
+
+@pytest.mark.usefixtures("espeak")
+def test_without_pinyin_espeak_reads_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(unitsel.speech.spoken, "can_read", lambda: False)
+    speech = unitsel.speak("你好", voice="cmn")
+    assert speech.syllables == () and speech.track.labels[1:4] == ("n", "iy", "k")
+    assert len(speech.notes) == 1 and "unitsel[mandarin]" in speech.notes[0]
+    monkeypatch.setattr(mandarin, "can_read", lambda: False)
+    with pytest.raises(SpeechError, match=r"unitsel\[mandarin\]"):
+        words_of("你好")

@@ -22,15 +22,19 @@ from analysis.face import FaceFinder
 from analysis.lips import mesh_mouth_height
 from analysis.models import FaceModels
 from analysis.portrait import portrait_of
+from database.heads import open_portrait
 from database.mask import OUTER_LIPS, Camera, Poses, project
 from database.media import read_video
 from database.phonemes import CLOSURES, SILENCE, VISEME_OF
+from database.pinyin import TimedSyllable
+from database.portrait_file import write_portrait
 from database.portrait_mesh import NOSE
 from database.reader import UnitDatabase, open_database
 from database.track import PhonemeTrack
 from unitsel.portrait.driver import DriveSettings, drive
 from unitsel.portrait.life import LifeSettings
 from unitsel.portrait.living import living_still
+from unitsel.portrait.synthesizer import PortraitSynthesizer
 from unitsel.synthesizer import Synthesizer
 
 HEAD = [33, 263, 168, 6, 1]
@@ -197,6 +201,32 @@ def test_a_photo_can_live_behind_a_mouth(
     frames = [f.rgb.astype(int) for f in read_video(video)]
     corner = np.s_[:60, :60]
     assert np.abs(frames[0][corner] - frames[-1][corner]).mean() < 3, "the background stays"
+
+
+def test_syllables_go_with_their_utterances(
+    face_models: FaceModels, portrait: np.ndarray, tmp_path: Path
+) -> None:
+    """A long Mandarin text is shown utterance by utterance, each with its own syllables."""
+    photo, head = tmp_path / "grace.png", tmp_path / "grace.h5"
+    cv2.imwrite(str(photo), portrait[::2, ::2, ::-1])
+    write_portrait(head, portrait_of(photo))
+    syllables = [
+        TimedSyllable(0.1, 0.3, "ma", 1, 0.17),
+        TimedSyllable(0.5, 0.7, "bu", 4, 0.56),
+        TimedSyllable(0.7, 0.8, "e", 4, 0.7),
+    ]
+    with open_portrait(head) as opened:
+        frames = list(
+            PortraitSynthesizer(opened).stream(
+                [_silence(0.4), _silence(0.6)], fps=25, syllables=syllables
+            )
+        )
+    assert [f.index for f in frames] == list(range(25))
+    first, last = frames[0].utterance.selection, frames[-1].utterance.selection
+    assert [s.pinyin for s in first.syllables] == ["ma"]
+    assert [s.pinyin for s in last.syllables] == ["bu", "e"]
+    assert [s.start for s in last.syllables] == pytest.approx([0.1, 0.3])
+    assert last.syllables[0].onset == pytest.approx(0.16)
 
 
 def _camera(database: UnitDatabase) -> Camera:

@@ -60,7 +60,7 @@ def make_of_portrait(
         if options.like is not None:
             like = stack.enter_context(open_database(options.like))
         synthesizer = PortraitSynthesizer(head, driving_settings(options), like=like)
-        parts = [track] if syllables else pieces(track)
+        parts = pieces(track)
         if len(parts) == 1:
             written = synthesizer.write(
                 synthesizer.select(track, syllables=syllables),
@@ -79,6 +79,7 @@ def make_of_portrait(
                 encoding=encoding,
                 progress=output.progress,
                 seconds=track.end,
+                syllables=syllables,
             )
     document: dict[str, Any] = {
         "video": str(written.path),

@@ -59,6 +59,9 @@ SHORTEST_VOWEL: Final = 0.6
 SPEAKING: Final = 0.6
 """What an emotion keeps of its mouth while another is spoken."""
 
+RESTING: Final = 0.8
+"""How far recorded lips are closed in silence, where they are measured worst."""
+
 EMOTION_RISE: Final = 0.4
 """Seconds in which an emotion comes into the face."""
 
@@ -175,6 +178,7 @@ def drive(
         moved = chosen.amplitude * np.asarray(lips.displacements[:n], dtype=np.float64)
         jaw = chosen.amplitude * np.asarray(lips.jaw[:n], dtype=np.float64)
     closed = weights[:, _CLOSED]
+    shut = closed if lips is None else np.maximum(closed, RESTING * weights[:, NEUTRAL])
     if chosen.emotion is not None and chosen.strength > 0:
         emotion = EMOTIONS[chosen.emotion]
         rise = np.ones(n)
@@ -187,7 +191,7 @@ def drive(
         moved += felt[:, None, None] * emotional_mouth(emotion)
         jaw = jaw + felt * emotion.mouth.jaw * (1 - closed)
     moved += mask.close_lips()
-    hold_lips(moved, mask, closed)
+    hold_lips(moved, mask, shut)
     if not chosen.still:
         # Each with its own seed, so that none depends on how long the others lasted.
         lids, head, skin = map(np.random.default_rng, np.random.SeedSequence(chosen.seed).spawn(3))

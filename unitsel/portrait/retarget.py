@@ -36,6 +36,11 @@ Progress = Callable[[str, int, int], None]
 JAW_SHARE: Final = 0.85
 """Of the lower lip's way down that is the jaw's; the rest is the lip's own."""
 
+MESH_SEES: Final = 0.65
+"""How much of a mouth's motion the face mesh sees, about: 0.5 to 0.6 of one that is known
+(tests/test_portrait_corpus.py), which real faces may be seen better than. An active appearance
+model's points are taken as they are."""
+
 REST_CLIPS: Final = 12
 """Clips whose silences say where the lips rest, at most."""
 
@@ -105,7 +110,7 @@ def lips_like(
         len(times), -1, 2
     )
     own = float(np.linalg.norm(np.diff(mask.normalised[OUTER_LIPS[[0, 10]]], axis=0)))
-    moved *= own
+    moved *= own if _by_model(database) else own / MESH_SEES
     out = np.zeros((len(times), N_MASK, 2))
     out[:, _VERTICES] = moved[:, _PLACES]
     jaw = JAW_SHARE * np.maximum(0.0, moved[:, _LOWER_MIDDLE, 1])
@@ -124,6 +129,12 @@ def _resting(database: UnitDatabase, used: npt.NDArray[np.integer]) -> npt.NDArr
     return np.concatenate([used, others])[:REST_CLIPS]
 
 
+def _by_model(database: UnitDatabase) -> bool:
+    """Whether its mouths are measured by the lip model's points, not by the face mesh."""
+    ruled = database.settings.get("lips", {}).get("source") == "aam"
+    return ruled and database.lips is not None
+
+
 def _contours(database: UnitDatabase, sequences: npt.NDArray[np.integer]) -> F64:
     """Lip contours of whole sequences in the person's own frame, mm, (N, 40, 2).
 
@@ -131,8 +142,7 @@ def _contours(database: UnitDatabase, sequences: npt.NDArray[np.integer]) -> F64
     """
     units = database.units
     out = np.full((len(units.sequence), len(_CONTOUR), 2), np.nan)
-    ruled = database.settings.get("lips", {}).get("source") == "aam"
-    lips = database.lips if ruled else None
+    lips = database.lips if _by_model(database) else None
     for s in sequences:
         mine = _of(database, int(s))
         if lips is not None:

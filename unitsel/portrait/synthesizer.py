@@ -132,8 +132,11 @@ class PortraitSynthesizer:
         size: tuple[int, int] | None = None,
         alpha: bool = False,
         look_ahead: int = UTTERANCES_AHEAD,
+        syllables: Sequence[TimedSyllable] = (),
     ) -> Generator[StreamedFrame[Performance], None, None]:
         """Draw utterances while later ones are still arriving; see `Synthesizer.stream`.
+
+        `syllables` are Mandarin's, of all utterances together, in the time of the first.
 
         Yields
         ------
@@ -147,11 +150,18 @@ class PortraitSynthesizer:
         _refuse_background(background)
         _refuse_alpha(alpha)
         rate = snap_rate(self.head.fps if fps is None else fps)
+        start, said = 0.0, 0
 
         def select(
             track: PhonemeTrack, sound: Sound | None, before: Performance | None
         ) -> Performance:
-            return self.select(track, sound=sound, after=before)
+            nonlocal start, said
+            first, end = said, start + track.end
+            while said < len(syllables) and syllables[said].start < end - 1e-9:
+                said += 1
+            mine = [s.later(-start) for s in syllables[first:said]]
+            start = end
+            return self.select(track, syllables=mine, sound=sound, after=before)
 
         def draw(utterances: Iterator[Placed[Performance]]) -> Iterator[Frame]:
             return self._pictures.draw(utterances, rate, size=size)
@@ -216,8 +226,11 @@ class PortraitSynthesizer:
         selected: Callable[[Performance], None] | None = None,
         progress: Progress | None = None,
         seconds: float | None = None,
+        syllables: Sequence[TimedSyllable] = (),
     ) -> Written:
         """Write utterances while later ones are still arriving; see `Synthesizer.write_stream`.
+
+        `syllables` as for `stream`.
 
         Raises
         ------
@@ -228,7 +241,7 @@ class PortraitSynthesizer:
         encoding = self._checked(encoding, Path(path))
         rate = snap_rate(self.head.fps if fps is None else fps)
         return write_stream(
-            self.stream(tracks, fps=rate, size=encoding.size),
+            self.stream(tracks, fps=rate, size=encoding.size, syllables=syllables),
             path,
             background=self.head.path,
             form=self._pictures.format(encoding.size),

@@ -1,6 +1,7 @@
 """Chinese text as Pinyin (pypinyin), and which sounds of espeak's are which syllable of it.
 
-Characters with several readings and the sandhi of tones are pypinyin's. espeak is then given the
+Characters with several readings and the sandhi of tones are pypinyin's, the optional extra
+``mandarin``; without it espeak reads the characters itself. espeak is then given the
 Pinyin, not the characters, so that what is heard is what the lips show: left to itself it reads
 花儿 as "hua five". Each word's syllables are found among its sounds by their vowels; where the
 numbers differ (figures, Latin words, names that pypinyin lacks) there are espeak's own sounds.
@@ -8,6 +9,7 @@ numbers differ (figures, Latin words, names that pypinyin lacks) there are espea
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ import numpy as np
 
 from analysis.utterance import Utterance
 from database.alphabets import IPA, VOWELS
-from database.errors import PronunciationError
+from database.errors import PronunciationError, SpeechError
 from database.pinyin import TimedSyllable, split
 from database.track import Interval
 
@@ -26,6 +28,11 @@ MANDARIN: Final = "sit/cmn"
 
 IN_PINYIN: Final = "cmn-latn-pinyin"
 """The same voice, reading Pinyin."""
+
+MISSING: Final = (
+    "Mandarin is read by espeak alone; with the optional extra (pip install 'unitsel[mandarin]') "
+    "characters are read by their words, and portraits show Mandarin's own syllables"
+)
 
 _CHINESE: Final = re.compile("([\u3400-\u4dbf\u4e00-\u9fff\u3007\U00020000-\U0003ffff]+)")
 _TOLD: Final = 4
@@ -56,6 +63,11 @@ def is_mandarin(identifier: str) -> bool:
     return identifier.partition("+")[0] == MANDARIN
 
 
+def can_read() -> bool:
+    """Whether the extra that reads characters is installed."""
+    return importlib.util.find_spec("pypinyin") is not None
+
+
 def words_of(text: str) -> tuple[Word, ...]:
     """Chinese text as words with their Pinyin.
 
@@ -68,7 +80,14 @@ def words_of(text: str) -> tuple[Word, ...]:
     -------
     tuple of Word
         Punctuation stands with the word before it.
+
+    Raises
+    ------
+    SpeechError
+        Without the extra `mandarin` (`can_read`).
     """
+    if not can_read():
+        raise SpeechError(MISSING)
     from pypinyin import Style, lazy_pinyin
     from pypinyin.seg.mmseg import seg
 

@@ -27,7 +27,9 @@ from database.voice_symbols import Rendering, render_intervals
 from unitsel.speech.command import run_command
 from unitsel.speech.mandarin import (
     IN_PINYIN,
+    MISSING,
     Word,
+    can_read,
     is_mandarin,
     spelled,
     timed_syllables,
@@ -176,7 +178,8 @@ def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> S
     samples = sample_rate()
     identifier = find_voice(voice)
     chinese: tuple[Word, ...] = ()
-    if is_mandarin(identifier):
+    unread = is_mandarin(identifier) and not can_read()
+    if is_mandarin(identifier) and not unread:
         # Given as Pinyin, so that what is heard is what the lips show.
         chinese = words_of(text)
         text, in_pinyin = spelled(chinese)
@@ -224,7 +227,7 @@ def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> S
         track,
         words,
         tuple(approximated.values()),
-        (told(others),) if others else (),
+        (MISSING,) if unread else (told(others),) if others else (),
         tuple(s.later(LEAD) for s in syllables),
     )
 
