@@ -16,12 +16,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from analysis.build_lock import clear_partials, only_build
 from analysis.build_settings import BuildReport, BuildSettings, ShardSettings
 from analysis.build_work import Progress, Speech, Work
+from analysis.consent import checked_consent
 from analysis.corpus import Clip, picked
 from analysis.corpus_lips import read_lip_marks
 from analysis.estimate import Estimate
@@ -111,6 +113,8 @@ def build_database(
     target = Path(output)
     if chosen.codec != AUTO_CODEC:
         find_codec(chosen.codec)
+    if chosen.consent:
+        chosen = replace(chosen, consent=checked_consent(chosen.consent))
     _check_output(target)
     if jobs < 1:
         raise CorpusError(f"the number of jobs must be at least 1, not {jobs}")

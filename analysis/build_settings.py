@@ -36,6 +36,8 @@ class BuildSettings:
         Six points marked in a frame of one clip, which rule the mask and its initial pose.
     codec : str
         Codec of the stored pictures; "auto" takes what `database.pictures.codec_for` says.
+    consent : str
+        What the person filmed has agreed to; the database carries it, and no clip depends on it.
     face, motion, crop, texture, align, lag, guide, offset, lips
         Settings of the steps.
     """
@@ -45,6 +47,7 @@ class BuildSettings:
     estimate_focal: bool = False
     hand: HandPoints | None = None
     codec: str = AUTO_CODEC
+    consent: str = ""
     face: FaceSettings = field(default_factory=FaceSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     crop: CropSettings = field(default_factory=CropSettings)

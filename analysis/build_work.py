@@ -207,7 +207,7 @@ class Work:
             lip_marks=marks,
             codec=settings.codec,
             jobs=self._jobs,
-            settings=asdict(settings),
+            settings={k: v for k, v in asdict(settings).items() if k != "consent"},
             skipped=self.skipped,
             tell=self._tell,
         )
@@ -215,7 +215,12 @@ class Work:
             "footage": [c.as_json() for c in self._clips],
             "person": list(self.person),
         }
-        content = replace(content, rigid=to_stored(self._person.reference), report=report)
+        content = replace(
+            content,
+            rigid=to_stored(self._person.reference),
+            report=report,
+            consent=settings.consent,
+        )
         write_database(
             self._target,
             content,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from database.errors import ModelError
+from analysis.network import Network
 
 Picture = npt.NDArray[np.uint8]
 
@@ -71,11 +71,11 @@ class FaceDetector:
     Raises
     ------
     ModelError
-        If OpenCV cannot load the model.
+        If the model cannot be loaded.
     """
 
     def __init__(self, model: object, score: float) -> None:
-        self._network = load_network(model)
+        self._network = Network(model, ["classificators", "regressors"])
         self._anchors = _anchors()
         self._score = score
 
@@ -128,10 +128,8 @@ class FaceDetector:
             min(round(top * scale), DETECTOR_SIZE - h),
         )
         small[y : y + h, x : x + w] = cv2.resize(picture, (w, h), interpolation=flags)
-        blob = (small.astype(np.float32) / 127.5 - 1).transpose(2, 0, 1)[None]
-        self._network.setInput(blob)
-        logits, boxes = self._network.forward(["classificators", "regressors"])
-        scores = 1 / (1 + np.exp(-np.clip(logits.reshape(-1), -50, 50)))
+        logits, boxes = self._network.run(small.astype(np.float32) / 127.5 - 1)
+        scores = 1 / (1 + np.exp(-np.clip(logits, -50, 50)))
         left_over = scores >= score
         values = boxes.reshape(-1, 16)
         centres = values[:, :2] + self._anchors * DETECTOR_SIZE
@@ -200,18 +198,3 @@ def _anchors() -> npt.NDArray[np.float64]:
         y, x = np.meshgrid(line, line, indexing="ij")
         centres.append(np.repeat(np.stack([x.ravel(), y.ravel()], axis=1), repeats, axis=0))
     return np.concatenate(centres)
-
-
-def load_network(path: object) -> Any:
-    """A network for OpenCV's DNN.
-
-    Raises
-    ------
-    ModelError
-        If OpenCV cannot load it.
-    """
-    try:
-        # The classic engine: OpenCV 5's new one loses every output but the last.
-        return cv2.dnn.readNetFromTFLite(str(path), cv2.dnn.ENGINE_CLASSIC)
-    except cv2.error as error:
-        raise ModelError(f"{path}: OpenCV cannot load it ({error.err or error})") from error

@@ -28,7 +28,7 @@ from analysis.person import Person
 from database.mask import Camera
 from database.writer import library_versions
 
-FITTED_LATER: Final = ("texture", "lag", "guide", "offset", "lips")
+FITTED_LATER: Final = ("texture", "lag", "guide", "offset", "lips", "consent")
 """Parts of the build's settings that no clip is analysed with: they may change and clips stay."""
 
 RUN_LATER: Final = frozenset(
@@ -38,13 +38,13 @@ RUN_LATER: Final = frozenset(
         *("corpus_lips.py", "merge.py"),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
         *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
-        "utterance.py",
+        *("utterance.py", "consent.py"),
     )
 )
 """Modules of this folder whose code no clip goes through."""
 
 _NOWHERE: Final = Camera(1.0, 0.0, 0.0, 1, 1)
-_OTHER_LIBRARIES: Final = ("numba", "espeakng-loader")
+_OTHER_LIBRARIES: Final = ("numba", "espeakng-loader", "ai-edge-litert")
 
 
 def circumstances(

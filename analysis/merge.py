@@ -16,6 +16,7 @@ from typing import Any
 
 from analysis.build import SHARDS_SUFFIX, BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.build_work import Progress
+from analysis.consent import merged_consent
 from analysis.corpus import Clip, clip_name
 from analysis.estimate import Estimate
 from analysis.kept_person import put_together
@@ -40,7 +41,7 @@ def merge_databases(
     ----------
     databases : sequence of path
         Two or more, built with the same settings. The first one's mask is that of all. Their
-        footage must still be there, unless the builds' kept clips are.
+        footage must still be there, unless the builds' kept clips are. Their consent notes stay.
     output : path
         The merged database; may be one of them.
     jobs, models, dictionary, announce, progress
@@ -67,6 +68,7 @@ def merge_databases(
     for path in paths:
         _compare(paths[0], settings, path, _settings_of(path))
         clips += clips_of_database(path)
+    settings = replace(settings, consent=merged_consent([(p.name, _consent_of(p)) for p in paths]))
     kept = shards or ShardSettings()
     beside = [p.with_name(p.name + SHARDS_SUFFIX).absolute() for p in paths]
     clips = together(clips)
@@ -140,6 +142,11 @@ def _settings_of(path: Path) -> BuildSettings:
             "know; build it again from its footage"
         ) from error
     return found
+
+
+def _consent_of(path: Path) -> str:
+    with open_database(path) as database:
+        return database.consent
 
 
 def _no_array(name: str) -> Any:

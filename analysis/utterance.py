@@ -171,7 +171,8 @@ class _Heard:
                     self.words.append(mark)
                 i += 1
             if wave and n:
-                piece = np.ctypeslib.as_array(wave, (n,)).copy()
+                # numpy's as_array would leave a type behind for every length there is.
+                piece = np.frombuffer(ctypes.string_at(wave, 2 * n), dtype=np.int16)
                 self._note_quiet(piece)
                 self.samples += n
                 self.sink(piece)

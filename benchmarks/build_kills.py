@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis.build import BuildSettings, build_database
+from analysis.corpus_lips import LipSettings
 from analysis.guide import GuideSettings
 from database.fingerprint import content_hash
 
@@ -39,6 +40,9 @@ STAGES = (
     *("analysing clips", "training the lip model", "fitting lips", "renamed", "done"),
 )
 """Stages in which builds are killed, in turn."""
+
+EARLY = ("finding the person", "analysing clips")
+"""Those in which clips are not kept yet."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,8 @@ def kill_builds(
     *,
     jobs: int = 2,
     guide: GuideSettings | None = None,
+    lips: str = LipSettings.source,
+    kept: bool = False,
 ) -> tuple[str, list[Outcome]]:
     """Build once without a kill, then once for each instant.
 
@@ -101,6 +107,10 @@ def kill_builds(
     instants : sequence of Instant
     jobs : int
     guide : GuideSettings, optional
+    lips : str
+        One of `analysis.corpus_lips.SOURCES`.
+    kept : bool
+        Whether builds that are killed after the clips' analysis find it done, which is quicker.
 
     Returns
     -------
@@ -108,18 +118,20 @@ def kill_builds(
         Content hash of the database whose build was not killed.
     outcomes : list of Outcome
     """
-    guide = guide or GuideSettings()
+    settings = json.dumps({"guide": asdict(guide or GuideSettings()), "lips": lips})
     whole = folder / "whole.h5"
-    _run(corpus, whole, jobs, guide)
+    _run(corpus, whole, jobs, settings)
     content = content_hash(whole)
     outcomes = []
     for i, instant in enumerate(instants):
         place = folder / f"kill{i}"
         place.mkdir()
         database = place / "killed.h5"
-        pid, killed = _run_and_kill(corpus, database, instant, jobs, guide)
+        if kept and instant.stage not in EARLY:
+            shutil.copytree(folder / "whole.h5.shards", place / "killed.h5.shards")
+        pid, killed = _run_and_kill(corpus, database, instant, jobs, settings)
         left = len(_in_shared_memory(pid))
-        second, report = _run(corpus, database, jobs, guide)
+        second, report = _run(corpus, database, jobs, settings)
         after = len(_in_shared_memory(pid)) + len(_in_shared_memory(second))
         litter = sorted({p.name for p in place.iterdir()} - {"killed.h5", "killed.h5.shards"})
         litter += [p.name for p in place.rglob("*.partial")]
@@ -138,10 +150,9 @@ def draw_instants(count: int, seed: int = 0) -> list[Instant]:
     ]
 
 
-def _start(corpus: Path, database: Path, jobs: int, guide: GuideSettings) -> subprocess.Popen[str]:
+def _start(corpus: Path, database: Path, jobs: int, settings: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, __file__, "--child", str(corpus), str(database), str(jobs)]
-        + [json.dumps(asdict(guide))],
+        [sys.executable, __file__, "--child", str(corpus), str(database), str(jobs), settings],
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -149,10 +160,8 @@ def _start(corpus: Path, database: Path, jobs: int, guide: GuideSettings) -> sub
     )
 
 
-def _run(
-    corpus: Path, database: Path, jobs: int, guide: GuideSettings
-) -> tuple[int, dict[str, Any]]:
-    child = _start(corpus, database, jobs, guide)
+def _run(corpus: Path, database: Path, jobs: int, settings: str) -> tuple[int, dict[str, Any]]:
+    child = _start(corpus, database, jobs, settings)
     out, _ = child.communicate()
     if child.returncode != 0:
         raise SystemExit(f"a build failed with {child.returncode}")
@@ -161,10 +170,10 @@ def _run(
 
 
 def _run_and_kill(
-    corpus: Path, database: Path, instant: Instant, jobs: int, guide: GuideSettings
+    corpus: Path, database: Path, instant: Instant, jobs: int, settings: str
 ) -> tuple[int, bool]:
     """Start a build and kill its group at an instant; its process, and whether it was alive."""
-    child = _start(corpus, database, jobs, guide)
+    child = _start(corpus, database, jobs, settings)
     assert child.stdout is not None
     last = instant.stage in ("renaming", "renamed")
     for line in child.stdout:
@@ -198,16 +207,19 @@ def _in_shared_memory(pid: int) -> list[str]:
     return [p.name for p in SHARED_MEMORY.iterdir() if ours.match(p.name)]
 
 
-def _child(corpus: str, database: str, jobs: str, guide: str) -> None:
+def _child(corpus: str, database: str, jobs: str, settings: str) -> None:
     """Build in this process, telling each step on standard output."""
 
     def tell(stage: str, done: int, total: int) -> None:
         print(stage, done, total, flush=True)
 
+    given = json.loads(settings)
     report = build_database(
         corpus,
         database,
-        settings=BuildSettings(guide=GuideSettings(**json.loads(guide))),
+        settings=BuildSettings(
+            guide=GuideSettings(**given["guide"]), lips=LipSettings(source=given["lips"])
+        ),
         jobs=int(jobs),
         progress=tell,
     )

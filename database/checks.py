@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -268,3 +268,17 @@ def check_lips(lips: UnitLips) -> None:
             raise ValueError(f"lips/level{i}/region must be 0 or 1, and not all 0")
         if (level.variances <= 0).any() or (level.noise <= 0).any():
             raise ValueError(f"lips/level{i}: variances and noise must be positive")
+
+
+LONGEST_CONSENT: Final = 100_000
+"""Characters of a consent note: a letter, not a scan of one."""
+
+
+def check_consent(note: str) -> None:
+    """Raise ValueError if a consent note holds nothing that can be read, or too much."""
+    if not note.strip():
+        raise ValueError("the consent note is empty")
+    if len(note) > LONGEST_CONSENT:
+        raise ValueError(f"the consent note has {len(note)} characters, over {LONGEST_CONSENT}")
+    if any(not c.isprintable() and c not in "\n\t" for c in note):
+        raise ValueError("the consent note holds characters that cannot be printed")

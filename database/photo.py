@@ -71,7 +71,9 @@ def read_photo(path: str | Path) -> npt.NDArray[np.uint8]:
     except FileNotFoundError:
         raise MediaError(f"{path}: there is no such file") from None
     except UnidentifiedImageError:
-        raise MediaError(f"{path}: is no JPEG and no PNG picture") from None
+        raise MediaError(
+            f"{path}: is no JPEG or PNG picture that can be read; save it again"
+        ) from None
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         reason = " ".join(str(error).split())
         raise MediaError(f"{path}: cannot be read as a picture ({reason})") from error

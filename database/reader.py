@@ -35,6 +35,7 @@ from database.schema import (
     Units,
 )
 from database.storage import read_text_attribute, reading
+from database.stored_backgrounds import StoredBackgrounds, check_backgrounds
 from database.track import PhonemeTrack, context_windows
 
 
@@ -122,6 +123,16 @@ class UnitDatabase(DatabaseFile):
     def report(self) -> dict[str, Any]:
         """What the build skipped or repaired."""
         return self._document("report")
+
+    @cached_property
+    def consent(self) -> str:
+        """What the person filmed has agreed to, as noted at the build; empty without a note."""
+        with reading(self.path):
+            if "consent" not in self._file:
+                return ""
+            note = str(self._read("consent/note")[0])
+            checks.check_consent(note)
+            return note
 
     @cached_property
     def sequences(self) -> Sequences:
@@ -253,6 +264,16 @@ class UnitDatabase(DatabaseFile):
     def lip_model(self) -> LipModel | None:
         """The active appearance model of the lips, if the database holds one."""
         return None if self.lips is None else self.lips.model
+
+    @cached_property
+    def backgrounds(self) -> StoredBackgrounds:
+        """Backgrounds that were added; none where nobody added any."""
+        with reading(self.path):
+            if "backgrounds" not in self._file:
+                return StoredBackgrounds.none()
+            part = StoredBackgrounds(**self._group("backgrounds", StoredBackgrounds))
+            check_backgrounds(part)
+            return part
 
     def sound(self, i: int) -> npt.NDArray[np.float16] | None:
         """Features of a sequence's sound, in the time of its phones; None where it has none.

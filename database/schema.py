@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from database.lip_model import LEVELS, N_POINTS, LipModel
 from database.mask import Camera, Mask
+from database.stored_backgrounds import DESCRIBED, GROUP
 
 SCHEMA_NAME: Final = "unitsel-database"
 SCHEMA_VERSION: Final = 1
@@ -240,6 +241,9 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("build/versions", "string", (1,), "",
           "versions of unitsel and of the libraries that shaped the content, JSON"),
     Field("build/report", "string", (1,), "", "what the build skipped or repaired, JSON"),
+    Field("consent/note", "string", (1,), "",
+          "what the person filmed has agreed to, as whoever built the database wrote it",
+          optional=True),
     Field("selection/settings", "string", (1,), "",
           "settings of the selection that this database asks for, JSON", optional=True),
     Field("sound/features", "float16", ("F", 26), "1",
@@ -250,6 +254,7 @@ FIELDS: Final[tuple[Field, ...]] = (
     *(f for kind in GUIDES for f in _guide_fields(kind)),
     *_rigid_fields(),
     *_lip_fields(),
+    *(Field(f"{GROUP}/{n}", t, s, u, m, optional=True) for n, t, s, u, m in DESCRIBED),
 )
 # fmt: on
 """All datasets."""
@@ -437,4 +442,5 @@ class DatabaseContent:
     lips: UnitLips | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     report: dict[str, Any] = field(default_factory=dict)
+    consent: str = ""
     starts: npt.NDArray[np.float64] | None = None

@@ -83,6 +83,8 @@ class CopiedSound:
     def __init__(self, path: Path, container: OutputContainer) -> None:
         self._container = container
         self._packets = _packets(path)
+        self.end = 0.0
+        """Seconds of the video at which the sound that was written ends."""
         self._next: tuple[float, Packet[AudioStream]] | None = None
         with open_media(path) as source:
             given = sound_stream(source)
@@ -112,7 +114,9 @@ class CopiedSound:
                 self._next = next(self._packets, None)
             if self._next is None or self._next[0] >= until:
                 return
-            packet = self._next[1]
+            start, packet = self._next
+            length = (packet.duration or 0) * (packet.time_base or Fraction(0))
+            self.end = max(self.end, start + float(length))
             packet.stream = self._stream
             self._container.mux(packet)
             self._next = None
@@ -154,6 +158,11 @@ class EncodedSound:
         stream.codec_context.bit_rate = BITS_PER_CHANNEL * self.channels
         stream.codec_context.time_base = Fraction(1, self.rate)
         self._stream = stream
+
+    @property
+    def end(self) -> float:
+        """Seconds of the video at which the sound that was written ends."""
+        return self._place / self.rate
 
     def write(self, until: Fraction, *, final: bool) -> None:
         """Encode up to a time, seconds of the video; at the end, silence for what is missing."""

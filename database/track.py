@@ -201,6 +201,20 @@ class PhonemeTrack:
         n = frame_count(self.end, fps) if n_frames is None else n_frames
         return self.at(frame_times(n, fps)).astype(np.uint8)
 
+    def silences(self, shortest: float) -> list[tuple[float, float]]:
+        """Start and end, in seconds, of each silence of a length or more.
+
+        Phones of silence in a row are one silence.
+        """
+        silent = self.phonemes == SILENCE
+        firsts = np.concatenate([[0], np.flatnonzero(np.diff(silent)) + 1])
+        bounds = self.boundaries[np.concatenate([firsts, [len(silent)]])]
+        return [
+            (float(a), float(b))
+            for i, a, b in zip(firsts, bounds[:-1], bounds[1:], strict=True)
+            if silent[i] and b - a >= shortest - 1e-9
+        ]
+
     def speech_span(self) -> tuple[float, float]:
         """Start of the first and end of the last phoneme that is not silence, seconds.
 

@@ -132,6 +132,11 @@ class VideoWriter:
         """Whether the sound's packets are taken over as they are."""
         return self._copies
 
+    @property
+    def sound_seconds(self) -> float | None:
+        """Length of the sound that was written, seconds; None without sound."""
+        return None if self._sound is None else self._sound.end
+
     def __enter__(self) -> Self:
         try:
             self._open()

@@ -39,6 +39,8 @@ from database.schema import (
     Units,
 )
 from database.storage import open_file
+from database.stored_backgrounds import GROUP as BACKGROUNDS
+from database.stored_backgrounds import StoredBackgrounds, check_backgrounds
 
 Array = npt.NDArray[Any]
 Progress = Callable[[int, int], None]
@@ -149,15 +151,53 @@ def store_selection(path: str | Path, document: dict[str, Any]) -> None:
         text = _as_bytes(SELECTION.path, [as_json(SELECTION.path, document)])
     except ValueError as error:
         raise DatabaseError(f"{path}: not written: {error}") from error
+    _replace_group(path, "selection", {SELECTION.path: text} if document else {})
+
+
+def store_backgrounds(path: str | Path, backgrounds: StoredBackgrounds) -> None:
+    """Put backgrounds into a database in the place of those that it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+        The database; a copy with the backgrounds replaces it once that is complete.
+    backgrounds : StoredBackgrounds
+        All that it is to hold; may be none.
+
+    Raises
+    ------
+    DatabaseError
+        If the file is no database or cannot be written, or the backgrounds' numbers do not fit
+        together; it is as it was then.
+    """
+    path = Path(path)
+    open_file(path)[0].close()
+    arrays: dict[str, Array] = {}
+    try:
+        check_backgrounds(backgrounds)
+        if len(backgrounds):
+            sizes: dict[str, int] = {}
+            for f in (f for f in FIELDS if f.path.startswith(f"{BACKGROUNDS}/")):
+                own = getattr(backgrounds, f.path.partition("/")[2])
+                arrays[f.path] = as_stored(f, own)
+                checks.match_shape(f, arrays[f.path].shape, sizes)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise DatabaseError(f"{path}: not written: {error}") from error
+    _replace_group(path, BACKGROUNDS, arrays)
+
+
+def _replace_group(path: Path, group: str, arrays: dict[str, Array]) -> None:
+    """Put a copy of a database in its place in which a group holds these fields, or is not."""
     with path.open("rb") as old, whole_file(path) as sink, writing(path):
         while block := old.read(CHUNK_BYTES):
             sink.write(block)
         sink.check()
         with contextlib.closing(h5py.File(sink, "r+", libver=FORMAT)) as file:
-            if SELECTION.path in file:
-                del file[SELECTION.path.partition("/")[0]]
-            if document:
-                write_dataset(file, SELECTION, text)
+            if group in file:
+                del file[group]
+            for f in FIELDS:
+                if f.path in arrays:
+                    write_dataset(file, f, arrays[f.path])
 
 
 @contextlib.contextmanager
@@ -204,6 +244,9 @@ def _prepare(
     values["camera"] = [camera.focal, camera.cx, camera.cy, camera.width, camera.height]
     values["build/settings"] = [as_json("build/settings", content.settings)]
     values["build/report"] = [as_json("build/report", content.report)]
+    if content.consent:
+        checks.check_consent(content.consent)
+        values["consent/note"] = [content.consent]
     values["build/versions"] = [as_json("build/versions", library_versions())]
     sizes: dict[str, int] = {}
     arrays = {}

@@ -1,32 +1,23 @@
-"""Which frame of the background is shown when, and reading those frames as they come.
+"""What the mouth is laid on: stretches of videos with the head's pose in every frame, or a photo.
 
-A background is the longest stretch of a clip in which the face was seen in every frame. Longer
-ones are cut; shorter ones are played forth and back, so that the head never jumps.
+A background is the longest stretch of a clip in which the face was seen in every frame. How
+several of them are played, for any length, is told in `render.playback`.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from database.errors import RenderError
 from database.mask import Poses
-from database.media import VideoFrame, read_video
 from database.piece import Piece
 
 IntArray = npt.NDArray[np.int64]
-
-MEMORY_LIMIT: Final = 500_000_000
-"""Bytes of pictures held for playing backwards; beyond, the file is decoded again in parts."""
-
-BYTES_PER_PIXEL: Final = 6.0
-"""What a held frame takes: decoded, as planes and as RGB."""
 
 
 @dataclass(frozen=True)
@@ -205,98 +196,3 @@ def longest_run(numbers: npt.NDArray[np.integer]) -> tuple[int, int]:
     stops = np.concatenate([breaks, [len(numbers)]])
     best = int(np.argmax(stops - starts))
     return int(starts[best]), int(stops[best])
-
-
-def playback_indices(
-    n_background: int, n_out: int, fps_background: float, fps_out: float
-) -> IntArray:
-    """Background frame of each output frame, nearest in time.
-
-    Past its last frame the background plays backwards, past its first forwards again; neither
-    is shown twice in a row for turning.
-
-    Parameters
-    ----------
-    n_background, n_out : int
-        Numbers of frames.
-    fps_background, fps_out : float
-        Frames a second.
-
-    Returns
-    -------
-    (n_out,) int64
-        Between 0 and ``n_background - 1``; neighbours differ by at most
-        ``ceil(fps_background / fps_out)``.
-
-    Raises
-    ------
-    RenderError
-        If there is no background frame or a rate is not positive.
-    """
-    if n_background < 1:
-        raise RenderError("the background has no frame")
-    if not (0 < fps_background < np.inf and 0 < fps_out < np.inf):
-        raise RenderError(f"frame rates must be positive, got {fps_background:g} and {fps_out:g}")
-    # Halves go to the earlier frame, as in database.media.read_video.
-    place = np.arange(n_out) * (fps_background / fps_out)
-    steps = np.ceil(place - 0.5 - 1e-6).astype(np.int64)
-    period = max(2 * (n_background - 1), 1)
-    steps %= period
-    out: IntArray = np.minimum(steps, period - steps) if n_background > 1 else steps * 0
-    return out
-
-
-def stream_frames(
-    background: Background, indices: IntArray, *, memory: int = MEMORY_LIMIT
-) -> Iterator[VideoFrame]:
-    """Read the frames of `playback_indices` in its order.
-
-    Played forwards only, one frame is held at a time. For playing backwards the last frames
-    are held, as many as `memory` allows; where that is not enough, the file is decoded again
-    from its start for each further stretch.
-
-    Parameters
-    ----------
-    background : Background
-    indices : (n,) int
-        Places in the background, from 0.
-    memory : int
-        Bytes.
-
-    Yields
-    ------
-    VideoFrame
-        Its `index` is the frame's number, counted as `Background.first` is.
-
-    Raises
-    ------
-    RenderError
-        If the file has fewer frames than were tracked.
-    MediaError
-        If it cannot be read.
-    """
-    wanted = np.asarray(indices, dtype=np.int64) + background.first
-    backwards = bool((np.diff(wanted) < 0).any())
-    held: deque[VideoFrame] = deque(maxlen=1)
-    source = read_video(background.source, background.fps)
-    try:
-        for number in wanted:
-            if held and number < held[0].index:
-                source.close()
-                source = read_video(background.source, background.fps)
-                held.clear()
-            while not held or held[-1].index < number:
-                frame = next(source, None)
-                if frame is None:
-                    raise RenderError(
-                        f"{background.path}: ends before frame {number}, which was tracked; "
-                        "has the file changed?"
-                    )
-                if held.maxlen == 1 and backwards:
-                    height, width = frame.planes.y.shape
-                    room = int(memory / (height * width * BYTES_PER_PIXEL))
-                    held = deque(maxlen=max(2, min(room, len(background))))
-                held.append(frame)
-            yield held[number - held[-1].index - 1]
-    finally:
-        source.close()

@@ -8,6 +8,8 @@ still in reality. Ratios of 1 are what nothing would be seen of.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -15,16 +17,22 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import RenderError
-from database.mask import OUTER_LIPS, Camera, Mask, cut_crop
-from database.planes import Colour, Planes, planes_to_rgb
+from database.mask import OUTER_LIPS, Camera, Mask
+from database.planes import Colour, Planes
+from render.blend import SOLID, ring_weights
+from render.compose import cut_from_planes
+from render.scene import Scene
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 
-SECTORS: Final = 48
-"""Parts of the turn around the region's middle in which gradients are averaged."""
+SECTORS: Final = 32
+"""Parts of the turn around the region's middle in which a seam is looked for."""
 
-LEVELS: Final = 4
+SHADING: Final = 2.0
+"""Pixels: brightness that a Gaussian of this width follows is shading and no seam."""
+
+LEVELS: Final = 6
 """Parts of the fade, from outside to inside, in which gradients are averaged."""
 
 STILL_MM: Final = 9.0
@@ -39,8 +47,9 @@ def seam_gradient(luma: npt.NDArray[np.generic], alpha: FloatArray) -> float:
     """Gradient across the band in which the mouth's picture fades out.
 
     The derivative of luma in the direction in which alpha rises, averaged with its sign over
-    short arcs of the band, so that neither noise nor skin texture counts but what goes along the
-    band does.
+    short arcs of the band, so that noise and skin texture count little and what goes along the
+    band does. Shading is taken out before (`SHADING`): a face is darker towards its sides anyway,
+    by more than a seam adds, and a mouth too light would even it out.
 
     Parameters
     ----------
@@ -52,7 +61,8 @@ def seam_gradient(luma: npt.NDArray[np.generic], alpha: FloatArray) -> float:
     Returns
     -------
     float
-        Root of the mean square over arcs, levels a pixel.
+        Of the steepest arc of each sector the median, levels a pixel: a collar or a jaw's edge in
+        a few sectors is not what is looked for.
 
     Raises
     ------
@@ -60,30 +70,25 @@ def seam_gradient(luma: npt.NDArray[np.generic], alpha: FloatArray) -> float:
         If the sizes differ, or alpha does not fade anywhere.
     """
     _same_size(luma, alpha)
-    band = (alpha > 0.02) & (alpha < 0.98)
-    down, across = np.gradient(np.asarray(luma, dtype=np.float32))
-    # Where to alpha rises: in the mean over some pixels, so that a hard edge has a side, too.
+    levels = np.asarray(luma, dtype=np.float32)
+    down, across = np.gradient(levels - cv2.GaussianBlur(levels, (0, 0), SHADING))
+    # Where to alpha rises: in the mean over some pixels, so that a hard edge has a band, too.
     soft = cv2.GaussianBlur(alpha, (0, 0), 1.5)
     alpha_down, alpha_across = np.gradient(soft)
     steepness = np.hypot(alpha_down, alpha_across)
-    edge = (soft > 0.02) & (soft < 0.98) & (steepness > 1e-4)
-    if not band.any():
-        band = edge
-    band = band & edge
+    band = (soft > 0.02) & (soft < 0.98) & (steepness > 1e-4)
     if not band.any():
         raise RenderError("the blend weights fade nowhere, so there is no seam to look at")
     along = (down * alpha_down + across * alpha_across) / np.maximum(steepness, 1e-6)
     y, x = np.nonzero(band)
-    middle = (
-        np.argwhere(alpha >= 0.5).mean(axis=0) if (alpha >= 0.5).any() else (y.mean(), x.mean())
-    )
+    middle = np.argwhere(soft >= 0.5 * soft.max()).mean(axis=0)
     turn = (np.arctan2(y - middle[0], x - middle[1]) / (2 * np.pi)) % 1.0
     level = np.minimum((soft[y, x] * LEVELS).astype(int), LEVELS - 1)
     arc = np.minimum((turn * SECTORS).astype(int), SECTORS - 1) * LEVELS + level
     count = np.bincount(arc, minlength=SECTORS * LEVELS)
     total = np.bincount(arc, weights=along[y, x], minlength=SECTORS * LEVELS)
-    seen = count > 0
-    return float(np.sqrt(np.mean((total[seen] / count[seen]) ** 2)))
+    steep = np.abs(total / np.maximum(count, 1)).reshape(SECTORS, LEVELS).max(axis=1)
+    return float(np.median(steep[count.reshape(SECTORS, LEVELS).any(axis=1)]))
 
 
 def sharpness(luma: npt.NDArray[np.generic], region: BoolArray) -> float:
@@ -136,12 +141,14 @@ def still_region(mask: Mask, alpha: FloatArray) -> BoolArray:
     )
 
 
-def flicker(lumas: npt.NDArray[np.generic], region: BoolArray, pixels_per_mm: float) -> float:
+def flicker(
+    lumas: Sequence[npt.NDArray[np.generic]], region: BoolArray, pixels_per_mm: float
+) -> float:
     """How much the brightness of still skin goes up and down from frame to frame.
 
     Parameters
     ----------
-    lumas : (n, h, w) float or uint8
+    lumas : sequence of (h, w) float or uint8
         Luma of the crops of frames in a row, head motion taken out; at least 3.
     region : (h, w) bool
         Of `still_region`.
@@ -172,12 +179,28 @@ def flicker(lumas: npt.NDArray[np.generic], region: BoolArray, pixels_per_mm: fl
     return float(np.sqrt(np.mean(bend.astype(np.float64) ** 2)))
 
 
-def crop_luma(
-    planes: Planes, colour: Colour, mask: Mask, pose: npt.NDArray[np.float64], camera: Camera
-) -> npt.NDArray[np.uint8]:
-    """Luma of a picture's crop, for `flicker`: (crop_height, crop_width) uint8."""
-    crop = cut_crop(planes_to_rgb(planes, colour), mask.patch, pose, camera)
-    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+def band_mismatch(
+    first: npt.NDArray[np.generic], second: npt.NDArray[np.generic], alpha: FloatArray
+) -> float:
+    """Difference of light that is left between two crops where they are blended.
+
+    Parameters
+    ----------
+    first, second : (h, w, 3) float or uint8
+    alpha : (h, w) float32
+
+    Returns
+    -------
+    float
+        Root mean square over the band and the channels of the difference of local means
+        (5 x 5 pixels); levels.
+    """
+    weights = ring_weights(alpha)
+    if not weights.any():
+        raise RenderError("the blend weights fade nowhere, so there is no band to compare in")
+    difference = np.asarray(first, np.float32) - np.asarray(second, np.float32)
+    squares = (cv2.blur(difference, (5, 5)) ** 2).mean(axis=2)
+    return float(np.sqrt((squares * weights).sum() / weights.sum()))
 
 
 def changed_outside(made: Planes, background: Planes, alpha: FloatArray, x0: int, y0: int) -> int:
@@ -205,6 +228,76 @@ def changed_outside(made: Planes, background: Planes, alpha: FloatArray, x0: int
     for new, old in ((made.u, background.u), (made.v, background.v)):
         changed += ((new != old) & ~blocks).sum()
     return int(changed)
+
+
+@dataclass(frozen=True)
+class PictureScores:
+    """Measures of frames in a row; of one sentence, say.
+
+    Parameters
+    ----------
+    seam : float
+        Mean of `seam_gradient`.
+    sharpness : float
+        Mean of `sharpness` where the mouth's picture is not blended.
+    flicker : float
+        Of `flicker`, in the still region.
+    """
+
+    seam: float
+    sharpness: float
+    flicker: float
+
+    def over(self, real: PictureScores) -> PictureScores:
+        """Ratios to a real picture's."""
+        return PictureScores(
+            self.seam / real.seam, self.sharpness / real.sharpness, self.flicker / real.flicker
+        )
+
+
+def picture_scores(
+    frames: Iterable[tuple[Planes, npt.NDArray[np.float64]]],
+    mask: Mask,
+    camera: Camera,
+    alpha: FloatArray,
+    colour: Colour,
+) -> PictureScores:
+    """Measure frames in a row, drawn or real, as if the mouth had been laid on all of them.
+
+    Parameters
+    ----------
+    frames : iterable of (Planes, (3, 4) float64)
+        Pictures with the head's pose.
+    mask : Mask
+    camera : Camera
+        Of the pictures' size.
+    alpha : (crop_height, crop_width) float32
+        Of `render.blend.blend_alpha`.
+    colour : Colour
+        Meaning of the planes.
+
+    Raises
+    ------
+    RenderError
+        If there are fewer than 3 frames, or the mouth lies outside one.
+    """
+    patch = mask.patch
+    blank = np.zeros((patch.crop_height, patch.crop_width, 3), np.uint8)
+    seams, sharp, lumas = [], [], []
+    with Scene(camera.width, camera.height, patch, camera, alpha) as scene:
+        for planes, pose in frames:
+            layer = scene.draw(blank, pose)
+            height, width = layer.alpha.shape
+            luma = planes.y[layer.y0 : layer.y0 + height, layer.x0 : layer.x0 + width]
+            seams.append(seam_gradient(luma, layer.alpha))
+            sharp.append(sharpness(luma, layer.alpha >= SOLID))
+            crop = cut_from_planes(planes, colour, patch, pose, camera)
+            lumas.append(cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY))
+    return PictureScores(
+        float(np.mean(seams)) if seams else 0.0,
+        float(np.mean(sharp)) if sharp else 0.0,
+        flicker(lumas, still_region(mask, alpha), patch.pixels_per_mm),
+    )
 
 
 def _same_size(picture: npt.NDArray[np.generic], weights: npt.NDArray[np.generic]) -> None:

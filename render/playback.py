@@ -6,6 +6,9 @@ few frames (`render.morph`).
 
 from __future__ import annotations
 
+import hashlib
+import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,10 +26,13 @@ from render.background import Background, Material
 from render.background_frames import MEMORY_LIMIT, BackgroundFrames
 from render.morph import between_poses, flow_between, morph
 from render.similar_frames import Likeness, compare_frames
-from render.walk import Step, Ways, enough, find_ways, forth_and_back, walk
+from render.walk import Step, Ways, find_ways, forth_and_back, walk
 
-LONGEST: Final = 2000
+LONGEST: Final = 1500
 """Frames of background that a walk goes over; of longer ones the first are taken."""
+
+KEPT: Final = 2
+"""Backgrounds whose comparison is kept."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +69,6 @@ class PlayedFrame:
         return planes_to_rgb(self.planes, self.colour)
 
 
-GoingOn = tuple[tuple[Likeness, ...], Ways, bool]
-"""Changes between frames of a background, and whether they are enough for a walk."""
-
-
 class Playback:
     """An endless iterator over a background's frames at a rate; a context manager.
 
@@ -87,8 +89,6 @@ class Playback:
         straight on.
     memory : int
         Bytes of decoded frames to keep.
-    going_on : GoingOn, optional
-        `going_on` of an earlier playback of the same background, which need not be found again.
 
     Attributes
     ----------
@@ -97,8 +97,6 @@ class Playback:
     colour : Colour
     camera : Camera
         For the frames.
-    going_on : GoingOn or None
-        How it is played on; None where it is long enough.
     notes : tuple of str
         What a user should know of how the background is played on.
 
@@ -120,7 +118,6 @@ class Playback:
         seed: int = 0,
         length: int | None = None,
         memory: int = MEMORY_LIMIT,
-        going_on: GoingOn | None = None,
     ) -> None:
         self.fps = float(snap_rate(fps))
         self._ratio = background.fps / self.fps
@@ -129,31 +126,26 @@ class Playback:
         self.width, self.height, self.colour = form.width, form.height, form.colour
         self.camera = camera.scaled_to(form.width, form.height)
         self.notes: tuple[str, ...] = ()
-        self.going_on: GoingOn | None = None
         steps = None if length is None else self._step_of(max(0, length - 1)) + 1
         self._material = Material.of(background, LONGEST if steps is None else max(LONGEST, steps))
         if background.still or (steps is not None and steps <= int(self._material.ends[0])):
             self._steps = forth_and_back(0, int(self._material.ends[0]), 0)
         else:
             self._material = Material.of(background, LONGEST)
-            self._steps = self._walk(patch, seed, going_on)
+            self._steps = self._walk(patch, seed)
         self._number = 0
         self._taken = 0
         self._shown: PlayedFrame | None = None
         self._step = Step(0, 0)
 
-    def _walk(self, patch: MouthPatch, seed: int, going_on: GoingOn | None) -> Iterator[Step]:
-        if going_on is None:
-            going_on = _ways_of(self._material, self._frames, patch, self.camera)
-        self.going_on = likeness, ways, free = going_on
-        notes = []
-        if not free:
-            notes.append(
+    def _walk(self, patch: MouthPatch, seed: int) -> Iterator[Step]:
+        known = _ways_of(self._material, self._frames, patch, self.camera)
+        if not known.ways.enough:
+            self.notes = (
                 f"{self._material.parts[-1].path}: too short or too restless to go on unseen; it "
-                "is played forth and back"
+                "is played forth and back",
             )
-        self.notes = (*self.notes, *notes)
-        return walk(self._material, likeness, ways, seed, free=free)
+        return walk(self._material, known.likeness, known.ways, seed)
 
     def _step_of(self, number: int) -> int:
         """Step of the walk that an output frame shows, nearest in time."""
@@ -207,10 +199,37 @@ class Playback:
         self._frames.close()
 
 
+@dataclass(frozen=True)
+class _Known:
+    """What is known of a background's frames: how alike they are, and the ways between them."""
+
+    likeness: tuple[Likeness, ...]
+    ways: Ways
+
+
+_known: OrderedDict[bytes, _Known] = OrderedDict()
+"""Of the backgrounds played last: comparing their frames again would delay a first frame."""
+
+_lock = threading.Lock()
+
+
 def _ways_of(
     material: Material, frames: BackgroundFrames, patch: MouthPatch, camera: Camera
-) -> GoingOn:
-    """Changes between frames, and whether they are enough for a walk."""
-    likeness = compare_frames(material, frames, patch, camera)
-    ways = find_ways(material, likeness)
-    return likeness, ways, enough(material, ways)
+) -> _Known:
+    digest = hashlib.sha256(repr(camera).encode() + patch.grid.tobytes())
+    for part in material.parts:
+        changed = part.path.stat().st_mtime_ns
+        digest.update(repr((part.path, changed, part.fps, part.first, part.start)).encode())
+        digest.update(part.poses.rotations.tobytes() + part.poses.translations.tobytes())
+    key = digest.digest()
+    with _lock:
+        known = _known.get(key)
+    if known is None:
+        likeness = compare_frames(material, frames, patch, camera)
+        known = _Known(likeness, find_ways(material, likeness))
+    with _lock:
+        _known[key] = known
+        _known.move_to_end(key)
+        while len(_known) > KEPT:
+            _known.popitem(last=False)
+    return known

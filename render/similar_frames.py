@@ -110,9 +110,9 @@ def compare_frames(
         steps = np.diagonal(distance, 1).astype(np.float64)
         apart = np.maximum(apart, distance / _natural(steps, follows, FLOOR_LEVELS))
     flat = head.reshape(n, -1).astype(np.float32)
-    pose = _root_mean_square(flat, len(HEAD_BOX))
+    pose = np.asarray(np.sqrt(_mean_squares(flat, len(HEAD_BOX))), dtype=np.float32)
     flat = moves.reshape(n, -1).astype(np.float32)
-    motion = _root_mean_square(flat, len(HEAD_BOX))
+    motion = np.asarray(np.sqrt(_mean_squares(flat, len(HEAD_BOX))), dtype=np.float32)
     apart = np.maximum(apart, pose / head_step)
     found = []
     for k, seconds in enumerate(BLEND_SECONDS):
@@ -121,7 +121,7 @@ def compare_frames(
         steepest = float(np.diff(blend_weights(blend), prepend=0.0, append=1.0).max())
         shared = 0.5 * BLEND_SECONDS[0] / seconds
         change = apart * steepest + shared * motion / head_step
-        cost = _over_blend(change, blend, material.ends)
+        cost = _over_blend(change.astype(np.float32), blend, material.ends)
         found.append(Likeness(blend, cost + np.float32(SLOWNESS_COST * k)))
     return tuple(found)
 
@@ -191,20 +191,24 @@ def _picture_distances(small: FloatArray, weight: FloatArray) -> tuple[FloatArra
             if size < 0.25 * weight[at].size:
                 continue
             values = (small[:, at[0], at[1]] * weight[at]).reshape(n, -1)
-            square = _root_mean_square(values - values.mean(axis=0), size) ** 2
-            squares += size * square
-            fourths += square**2
+            square = _mean_squares(values - values.mean(axis=0), size)
+            np.add(squares, size * square, out=squares)
+            np.multiply(square, square, out=square)
+            np.add(fourths, square, out=fourths)
             blocks, pixels = blocks + 1, pixels + size
     whole = np.sqrt(squares / np.float32(max(1.0, pixels)))
     by_blocks = (fourths / np.float32(max(1, blocks))) ** np.float32(0.25)
     return whole, np.asarray(by_blocks, dtype=np.float32)
 
 
-def _root_mean_square(values: FloatArray, count: float) -> FloatArray:
-    """Distance of each two rows of (n, d), its square divided by a count: (n, n)."""
-    squares = np.einsum("nd,nd->n", values, values)
-    apart = squares[:, None] + squares[None] - 2 * (values @ values.T)
-    return np.asarray(np.sqrt(np.maximum(apart, 0) / count), dtype=np.float32)
+def _mean_squares(values: FloatArray, count: float) -> FloatArray:
+    """Squared distance of each two rows of (n, d), divided by a count: (n, n)."""
+    scaled = values / np.float32(np.sqrt(count))
+    squares = np.einsum("nd,nd->n", scaled, scaled)
+    apart = (np.float32(-2) * scaled) @ scaled.T
+    apart += squares[:, None]
+    apart += squares[None]
+    return np.asarray(np.maximum(apart, 0, out=apart), dtype=np.float32)
 
 
 def _over_blend(change: FloatArray, blend: int, ends: IntArray) -> FloatArray:

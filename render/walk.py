@@ -24,20 +24,27 @@ from render.similar_frames import Likeness, blend_weights
 
 FloatArray = npt.NDArray[np.float64]
 
-LIMIT: Final = 1.5
-"""Greatest cost of a change (`Likeness.cost`) that is used."""
+LIMITS: Final = (1.25, 1.5)
+"""Greatest cost of a change (`Likeness.cost`): the first of these that leaves `PLENTY` of ways,
+else the last."""
 
-JOIN_LIMIT: Final = 3.0
+PLENTY: Final = 150
+"""Different changes (`WAY_SIZE` apart) among which a walk is varied."""
+
+JOIN_LIMIT: Final = 2.0
 """The same between two backgrounds, which were joined in any case."""
 
 SHORTEST_STAY: Final = 0.8
 """Seconds that are played between two changes at least."""
 
+LONGEST_STAY: Final = 12.0
+"""Seconds ahead that the next change is looked for, where there is one so soon."""
+
 NEAREST: Final = 0.6
 """Seconds that a change leads away at least, in its own background: less would be a stutter."""
 
 FEWEST_WAYS: Final = 8
-"""Different changes (`WAY_SIZE` apart) that a walk needs, lest it be a loop."""
+"""Different changes that a walk needs, lest it be a loop."""
 
 WAY_SIZE: Final = 0.2
 """Seconds: changes that leave and enter within so much of each other are one way."""
@@ -52,7 +59,13 @@ MOST_ROUNDS: Final = 1000
 """Rounds in which the costs of what must follow settle; some tens do."""
 
 SHOWN_COST: Final = 1.5
-"""Cost of going where everything was shown just now, or the way that was taken just now."""
+"""Cost of going where everything was shown just now."""
+
+TAKEN_COST: Final = 3.0
+"""Cost of the way that was taken just now: twice the same change shows more than frames do."""
+
+REMEMBERED: Final = 60.0
+"""Seconds after which that has fallen to a third."""
 
 HOME_COST: Final = 2.5
 """Cost of staying in a background that has been on for long where there are others."""
@@ -64,7 +77,7 @@ SKIPPED_COST: Final = 1.0
 """Cost of a second of a background that its first showing leaves out."""
 
 SEEN_COST: Final = 5.0
-"""Cost of what a change between two backgrounds costs beyond `LIMIT`."""
+"""Cost of what a change between two backgrounds costs beyond the last of `LIMITS`."""
 
 FIRST_PART: Final = 0.6
 """Share of a background that is shown at least, alone or in the blend, before it is left for the
@@ -99,19 +112,27 @@ class Ways:
         Frames of a change, for each of k lengths.
     entered : (k n,) int64
         Frame that is shown after a change into frame j by the length of number b, at b n + j.
-    cost : (n, k n) float64
+    cost : (n, k n) float32
         Of each change, infinite where it is not to be used; columns as in `entered`.
     ahead : (k n,) float64
         Cost of what must follow after each; infinite where nothing leads on.
     last : bool
         Whether there is one in the last background.
+    different : int
+        How many there are that leave or enter `WAY_SIZE` apart.
     """
 
     blends: tuple[int, ...]
     entered: IntArray
-    cost: FloatArray
+    cost: npt.NDArray[np.float32]
     ahead: FloatArray
     last: bool
+    different: int
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are so many that a walk over them is no loop."""
+        return self.last and self.different >= FEWEST_WAYS
 
 
 def find_ways(material: Material, likeness: Sequence[Likeness]) -> Ways:
@@ -123,14 +144,24 @@ def find_ways(material: Material, likeness: Sequence[Likeness]) -> Ways:
     likeness : sequence of Likeness
         One for each length of a blend.
     """
+    for limit in LIMITS:
+        ways = _ways_within(material, likeness, limit)
+        if ways.last and ways.different >= PLENTY:
+            break
+    return ways
+
+
+def _ways_within(material: Material, likeness: Sequence[Likeness], most: float) -> Ways:
+    """Changes that cost no more than so much."""
     n = len(material)
     here = np.arange(n)
     away = np.abs(here[:, None] + 1 - here[None])
     same = material.part[:, None] == material.part[None]
     unfit = same & (away < NEAREST * material.fps)
-    limit = np.where(same, LIMIT, JOIN_LIMIT)
+    limit = np.where(same, most, JOIN_LIMIT)
     cost = np.concatenate(
-        [np.where(unfit | (one.cost > limit), np.inf, one.cost) for one in likeness], axis=1
+        [np.where(unfit | (one.cost > limit), np.float32(np.inf), one.cost) for one in likeness],
+        axis=1,
     )
     entered = np.concatenate([np.minimum(here + one.blend, material.ends - 1) for one in likeness])
     # No frame may be entered from which, after a while, the next change cannot be reached.
@@ -140,7 +171,8 @@ def find_ways(material: Material, likeness: Sequence[Likeness]) -> Ways:
     step = DISCOUNT ** (1 / material.fps)
     ahead = np.zeros(n)
     for _ in range(MOST_ROUNDS):
-        found = _soonest((cost + step * ahead[stayed][None]).min(axis=1), material, step)
+        after = (step * ahead[stayed][None]).astype(np.float32)
+        found = _soonest((cost + after).min(axis=1).astype(np.float64), material, step)
         known = np.isfinite(found)
         same_ones = np.array_equal(known, np.isfinite(ahead))
         settled = same_ones and np.allclose(found[known], ahead[known], atol=1e-3)
@@ -149,7 +181,12 @@ def find_ways(material: Material, likeness: Sequence[Likeness]) -> Ways:
             break
     cost[:, ~np.isfinite(ahead[stayed])] = np.inf
     last = bool(np.isfinite(cost[material.part == material.part[-1]]).any())
-    return Ways(tuple(one.blend for one in likeness), entered, cost, ahead[stayed], last)
+    leave, column = np.nonzero(np.isfinite(cost))
+    size = max(1.0, WAY_SIZE * material.fps)
+    cells = np.zeros((int(n / size) + 1, int(n / size) + 1), dtype=bool)
+    cells[(leave / size).astype(int), (column % n / size).astype(int)] = True
+    blends = tuple(one.blend for one in likeness)
+    return Ways(blends, entered, cost, ahead[stayed], last, int(cells.sum()))
 
 
 def stay_frames(material: Material) -> int:
@@ -167,19 +204,7 @@ def _soonest(leaving: FloatArray, material: Material, step: float) -> FloatArray
     return out
 
 
-def enough(material: Material, ways: Ways) -> bool:
-    """Whether there are so many different ways that a walk over them is no loop."""
-    if not ways.last:
-        return False
-    size = max(1.0, WAY_SIZE * material.fps)
-    leave, column = np.nonzero(np.isfinite(ways.cost))
-    different = np.unique(np.stack([leave, column % len(material)], axis=1) // size, axis=0)
-    return len(different) >= FEWEST_WAYS
-
-
-def walk(
-    material: Material, likeness: Sequence[Likeness], ways: Ways, seed: int, *, free: bool
-) -> Iterator[Step]:
+def walk(material: Material, likeness: Sequence[Likeness], ways: Ways, seed: int) -> Iterator[Step]:
     """Walk over backgrounds without end; the same for the same seed.
 
     Parameters
@@ -187,9 +212,8 @@ def walk(
     material : Material
     likeness : sequence of Likeness
     ways : Ways
+        Where there are not `enough`, the last background is played forth and back.
     seed : int
-    free : bool
-        Whether there are `enough` ways; if not, the last background is played forth and back.
 
     Yields
     ------
@@ -202,7 +226,9 @@ def walk(
             change = chooser.join(at, visit)
         else:
             found = (
-                chooser.next_change(at, now, late=visit == len(material.parts)) if free else None
+                chooser.next_change(at, now, late=visit == len(material.parts))
+                if ways.enough
+                else None
             )
             if found is None:
                 first = int(np.flatnonzero(material.part == material.part[at])[0])
@@ -260,7 +286,10 @@ class _Chooser:
         self._taken: list[tuple[int, int, int]] = []  # Frames left and entered of late, and when.
         self._home = 0  # Step at which the background that is on was entered.
         self._stay = stay_frames(material)
+        self._way = max(1.0, WAY_SIZE * material.fps)
+        self._longest_stay = max(self._stay, round(LONGEST_STAY * material.fps))
         self._forgotten = FORGOTTEN * material.fps
+        self._remembered = REMEMBERED * material.fps
 
     def saw(self, at: int, change: _Change, now: int) -> None:
         """Note what is shown from a step on: frames up to a change, then that."""
@@ -268,7 +297,7 @@ class _Chooser:
         then = now + change.leave + 1 - at
         shown = then + np.arange(change.blend)
         self._shown[change.enter : change.enter + change.blend] = shown
-        self._taken = [old for old in self._taken if then - old[2] < 3 * self._forgotten]
+        self._taken = [old for old in self._taken if then - old[2] < 3 * self._remembered]
         self._taken.append((change.leave, change.enter, then))
         if self._material.part[change.leave] != self._material.part[change.enter]:
             self._home = then
@@ -284,7 +313,7 @@ class _Chooser:
         goal = np.flatnonzero(material.part == part)
         columns = np.flatnonzero(np.isin(np.arange(self._likeness.shape[1]) % n, goal))
         costs = self._likeness[np.ix_(rows, columns)].astype(np.float64)
-        costs = costs + SEEN_COST * np.maximum(0, costs - LIMIT)
+        costs = costs + SEEN_COST * np.maximum(0, costs - LIMITS[-1])
         costs = costs + SKIPPED_COST * (columns % n - goal[0])[None] / material.fps
         costs = costs + self._skipped(rows, columns)
         if not np.isfinite(costs).any():
@@ -302,13 +331,18 @@ class _Chooser:
         Late, if a background is shown for the first time.
         """
         end = int(self._material.ends[at])
-        rows = self._late(at) if late else np.arange(min(at + self._stay, end - 1), end)
-        costs = np.asarray(self._ways.cost[rows] + self._ways.ahead[None])
-        if not np.isfinite(costs).any():
+        possible = self._late(at) if late else np.arange(min(at + self._stay, end - 1), end)
+        for first in range(0, len(possible), self._longest_stay):
+            rows = possible[first : first + self._longest_stay]
+            costs = np.asarray(self._ways.cost[rows] + self._ways.ahead[None], dtype=np.float64)
+            if np.isfinite(costs).any():
+                break
+        else:
             return None
         if late:
             costs = costs + self._skipped(rows, np.arange(costs.shape[1])) / SPREAD
-        costs = costs + SHOWN_COST * (self._lately(now)[None] + self._as_before(rows, now))
+        costs = costs + SHOWN_COST * self._lately(now)[None]
+        costs = costs + TAKEN_COST * self._as_before(rows, now)
         costs = costs + self._at_home(at, now)[None]
         chance = np.exp(-(costs - costs.min()) / SPREAD).ravel()
         drawn = np.searchsorted(np.cumsum(chance), self._random.random() * chance.sum())
@@ -353,7 +387,7 @@ class _Chooser:
             return np.zeros((len(rows), len(self._ways.entered)))
         left, entered, when = np.array(self._taken).T
         here = np.arange(len(self._material))
-        leaving = np.exp(-0.5 * ((rows[:, None] - left[None]) / self._stay) ** 2)
-        entering = np.exp(-0.5 * ((here[:, None] - entered[None]) / self._stay) ** 2)
-        near = (leaving * np.exp((when - now) / self._forgotten)) @ entering.T
+        leaving = np.exp(-0.5 * ((rows[:, None] - left[None]) / self._way) ** 2)
+        entering = np.exp(-0.5 * ((here[:, None] - entered[None]) / self._way) ** 2)
+        near = (leaving * np.exp((when - now) / self._remembered)) @ entering.T
         return np.tile(near, len(self._ways.blends))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import os
+import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import matplotlib.cbook as cbook
 import numpy as np
@@ -17,6 +20,7 @@ from analysis.build import BuildReport, build_database
 from analysis.face import FaceFinder
 from analysis.models import CHECKSUMS, MODELS_ENV, FaceModels, cache_folder, find_models
 from analysis.portrait import make_portrait
+from database.timing import Timing, write_timing
 from unitsel.cli import main
 
 HERE = Path(__file__).parent
@@ -68,23 +72,72 @@ def finder(face_models: FaceModels) -> FaceFinder:
 
 
 @pytest.fixture(scope="session")
-def puppet_corpus(puppet: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], Any]], Any]:
+    """Give what a function makes in an empty folder, made once for all of xdist's workers."""
+    base = tmp_path_factory.getbasetemp()
+    place = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def made(name: str, make: Callable[[Path], Any]) -> Any:
+        folder, result = place / name, place / f"{name}.pickle"
+        with (place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not result.is_file():
+                folder.mkdir()
+                result.write_bytes(pickle.dumps(make(folder)))
+            return pickle.loads(result.read_bytes())
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def puppet_corpus(puppet: ModuleType, once: Callable[..., Any]) -> Path:
     """Make a corpus of the puppet; tests read it and leave it as it is."""
-    return puppet.make_corpus(tmp_path_factory.mktemp("puppet"))
+    return Path(once("puppet", puppet.make_corpus))
 
 
 @pytest.fixture(scope="session")
 def puppet_report(
-    puppet_corpus: Path, face_models: FaceModels, tmp_path_factory: pytest.TempPathFactory
+    puppet_corpus: Path, face_models: FaceModels, once: Callable[..., Any]
 ) -> BuildReport:
     """Build a database from the puppet's corpus."""
-    return build_database(puppet_corpus, tmp_path_factory.mktemp("built") / "puppet.h5", jobs=1)
+    report = once("built", lambda f: build_database(puppet_corpus, f / "puppet.h5", jobs=1))
+    assert isinstance(report, BuildReport)
+    return report
 
 
 @pytest.fixture(scope="session")
 def puppet_db(puppet_report: BuildReport) -> Path:
     """Give the database of the puppet; tests read it and leave it as it is."""
     return puppet_report.path
+
+
+@pytest.fixture(scope="session")
+def short_corpus(puppet: ModuleType, once: Callable[..., Any]) -> Path:
+    """Three clips of a second each; one with words alone where there is speech."""
+
+    def make(folder: Path) -> Path:
+        for seed, sentence in enumerate(("bin blue now", "lay red soon", "place white again")):
+            track, words = puppet.even_track(sentence, 0.2, 0.5)
+            sound = puppet.hum(track, seed)
+            if seed == 2 and puppet.can_speak():
+                sound, track = puppet.speak(sentence, 0.15)
+                (folder / "clip2.txt").write_text(sentence)
+            else:
+                write_timing(folder / f"clip{seed}.TextGrid", Timing(track, words))
+            puppet.write_clip(folder / f"clip{seed}.mp4", track, sound, seed)
+        return folder
+
+    return Path(once("short", make))
+
+
+@pytest.fixture
+def no_traces(tmp_path: Path) -> Iterator[Path]:
+    """Give a folder for the output; afterwards it holds databases and kept clips, nothing else."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    yield folder
+    assert [p.name for p in folder.iterdir() if p.suffix not in (".h5", ".shards")] == []
+    assert not list(folder.rglob("*.partial"))
 
 
 @pytest.fixture(scope="session")

@@ -36,8 +36,9 @@ from database.schema import (
     UnitLips,
     Units,
 )
+from database.stored_backgrounds import StoredBackgrounds
 from database.track import PhonemeTrack
-from database.writer import store_selection, write_database
+from database.writer import store_backgrounds, store_selection, write_database
 
 LACKING = ("er", "ng", "oy", "sh", "uh", "zh")
 """Phonemes that GRID's 51 words lack; by default they do not occur here either."""
@@ -182,7 +183,7 @@ def make_content(
         starts = 2.5 * np.arange(len(content.sequences))
         content = replace(content, sound=sound, guides=guides, starts=starts)
         content = replace(content, marks=_marks(content.phones), rigid=_rigid(rng))
-        content = replace(content, lips=_lips(rng, len(units)))
+        content = replace(content, lips=_lips(rng, len(units)), consent="Made up; nobody to ask.")
     return content, pictures, np.array(meshes, dtype=np.float32)
 
 
@@ -192,7 +193,30 @@ def make_database(path: str | Path, *, codec: str = "png", **settings: Any) -> P
     write_database(path, content, (encode(p, codec) for p in pictures), landmarks, codec)
     if content.guides:
         store_selection(path, {"made_up": True})
+        store_backgrounds(path, make_backgrounds())
     return Path(path)
+
+
+def make_backgrounds(names: Sequence[str] = ("sitting", "portrait")) -> StoredBackgrounds:
+    """Make up backgrounds: videos of 30 frames, and a photo as the last one."""
+    n = len(names)
+    frames = np.array([30] * (n - 1) + [1], np.int32)
+    still = np.arange(n) == n - 1
+    t = np.arange(frames.sum(), dtype=np.float32)
+    return StoredBackgrounds(
+        tuple(names),
+        tuple(f"{name}.{'png' if s else 'mp4'}" for name, s in zip(names, still, strict=True)),
+        tuple(f"{7000 + i:064x}" for i in range(n)),
+        still.astype(np.uint8),
+        np.full(n, 25.0),
+        np.zeros(n, np.int32),
+        frames,
+        np.stack([0.01 * np.sin(t / 9), 0 * t, 0 * t], axis=1),
+        np.stack([np.cos(t / 9), 0 * t, 0 * t + 900], axis=1),
+        1 + 0 * t,
+        70 + 0.1 * np.sin(t),
+        5 + 0.001 * t,
+    )
 
 
 def _marks(phones: Phones) -> PhoneMarks:

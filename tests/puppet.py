@@ -8,7 +8,6 @@ installed, else a noise that nobody could align, with the phones beside it.
 
 from __future__ import annotations
 
-import ctypes
 import importlib.util
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -20,13 +19,15 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import resample_poly
 
+from analysis.espeak import sample_rate
+from analysis.utterance import say
 from database.lexicon import Lexicon, spread_words
 from database.phonemes import PHONEMES, SILENCE
 from database.sound import SPEECH_RATE, Sound
-from database.symbols import to_phonemes
 from database.timing import Timing, WordTrack, write_timing
 from database.track import Interval, PhonemeTrack, frame_times
 from database.video_writer import VideoWriter
+from database.voice_symbols import render_intervals
 
 FPS = 25
 WIDTH, HEIGHT = 288, 352
@@ -204,27 +205,6 @@ def make_corpus(folder: Path) -> Path:
     return folder
 
 
-class _Event(ctypes.Structure):
-    """espeak_EVENT of espeak-ng's speak_lib.h."""
-
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("identifier", ctypes.c_uint),
-        ("text_position", ctypes.c_int),
-        ("length", ctypes.c_int),
-        ("milliseconds", ctypes.c_int),
-        ("sample", ctypes.c_int),
-        ("user_data", ctypes.c_void_p),
-        ("name", ctypes.c_char * 8),
-    )
-
-
-_Listener = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event)
-)
-_PHONEME_EVENT, _LAST_EVENT = 7, 0
-
-
 def speak(sentence: str, lead: float = 0.3) -> tuple[Sound, PhonemeTrack]:
     """Say a sentence with espeak-ng.
 
@@ -235,49 +215,17 @@ def speak(sentence: str, lead: float = 0.3) -> tuple[Sound, PhonemeTrack]:
     track : PhonemeTrack
         espeak's own times, as long as the sound.
     """
-    import espeakng_loader
-
-    library = ctypes.CDLL(espeakng_loader.get_library_path())
-    data = str(espeakng_loader.get_data_path()).encode()
-    # Phoneme events in IPA; SYNCHRONOUS hands the sound over before espeak_Synth returns.
-    rate = library.espeak_Initialize(2, 0, ctypes.c_char_p(data), 0x8003)
-    assert rate > 0, data
     pieces: list[np.ndarray] = []
-    marks: list[tuple[float, str]] = []
-
-    def listen(wave: object, n: int, events: object) -> int:
-        if wave:
-            pieces.append(np.ctypeslib.as_array(wave, (n,)).copy())
-        i = 0
-        while events[i].type != _LAST_EVENT:
-            if events[i].type == _PHONEME_EVENT:
-                marks.append((events[i].milliseconds / 1000, events[i].name.decode()))
-            i += 1
-        return 0
-
-    listener = _Listener(listen)
-    library.espeak_SetSynthCallback(listener)
-    assert library.espeak_SetVoiceByName(b"en-us") == 0
-    text = sentence.encode()
-    done = library.espeak_Synth(
-        ctypes.c_char_p(text), ctypes.c_size_t(len(text) + 1), 0, 0, 0, 1, None, None
-    )
-    assert done == 0
-    library.espeak_SetSynthCallback(_Listener())
+    said = say(sentence, "en-us", pieces.append)
+    rate = sample_rate()
     spoken = np.concatenate(pieces).astype(np.float64) / 32768
     spoken = resample_poly(spoken, SPEECH_RATE, rate)
     quiet = round(lead * SPEECH_RATE)
     samples = np.pad(spoken, quiet)
     samples += np.random.default_rng(0).normal(0, 1e-4, len(samples))
     end = lead + len(spoken) / SPEECH_RATE
-    intervals = []
-    times = [t for t, _ in marks] + [len(spoken) / SPEECH_RATE]
-    for (start, name), stop in zip(marks, times[1:], strict=True):
-        symbols = to_phonemes(name, "ipa")
-        edges = np.linspace(start, stop, len(symbols) + 1) + lead
-        for k, symbol in enumerate(symbols):
-            if edges[k + 1] > edges[k] + 1e-3:
-                intervals.append(Interval(float(edges[k]), float(edges[k + 1]), symbol))
+    phones, _ = render_intervals(said.phones)
+    intervals = [Interval(p.start + lead, p.end + lead, p.label) for p in phones]
     intervals.append(Interval(end, end + lead, "sil"))
     track = PhonemeTrack.from_intervals(intervals, name=sentence)
     return Sound(samples.astype(np.float32), SPEECH_RATE), track

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -20,6 +23,37 @@ def test_everything_that_is_offered_is_there_and_documented() -> None:
         thing = getattr(unitsel, name)
         if inspect.isclass(thing) or inspect.isfunction(thing):
             assert (thing.__doc__ or "").strip(), name
+
+
+def test_what_type_checkers_read_is_what_is_loaded() -> None:
+    tree = ast.parse(Path(unitsel.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    read = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert read == unitsel._MODULE_OF
+    assert {*read, "__version__"} == set(unitsel.__all__) <= set(dir(unitsel))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        unitsel.nothing  # noqa: B018
+
+
+def test_a_command_loads_only_what_it_needs() -> None:
+    """Each process of a build loads the package again."""
+    code = "import sys, unitsel.cli; unitsel.cli.main(sys.argv[1:]); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "build", "nowhere", "-o", "x.h5"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert "nowhere" in done.stderr
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert "numba" in loaded
+    assert not loaded & {"matplotlib", "pymoo", "moderngl", "sklearn", "render"}
 
 
 def test_errors_are_one_family() -> None:
@@ -67,7 +101,7 @@ def test_a_track_made_by_hand_and_sound_in_memory(
 
 
 def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> None:
-    names = [c.__name__.rpartition(".")[2] for c in COMMANDS]
+    names = list(COMMANDS)
     assert names == [
         *(
             "build",
@@ -76,6 +110,7 @@ def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> 
             "say",
             "dub",
             "synth",
+            "backgrounds",
             "align",
             "inspect",
             "doctor",
@@ -90,6 +125,8 @@ def test_every_command_has_help_and_json(capsys: pytest.CaptureFixture[str]) -> 
         out = capsys.readouterr().out
         assert out.startswith(f"usage: unitsel {name}") and "--json" in out
     assert parser().prog == "unitsel"
+    # A name alone is said with the same words as the command that is loaded.
+    assert parser(()).format_help() == parser().format_help()
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,7 +51,9 @@ def test_killed_builds_give_the_same_database(
         kills.Instant("renaming", 1.0, 0.0),
     ]
     guide = GuideSettings(fewest_clips=4, hidden=8, members=1, epochs=1, steps=10, held_back=2)
-    content, outcomes = kills.kill_builds(corpus, tmp_path, instants, jobs=2, guide=guide)
+    content, outcomes = kills.kill_builds(
+        corpus, tmp_path, instants, jobs=2, guide=guide, lips="mesh-only", kept=True
+    )
     assert [o.content for o in outcomes] == [content] * 3
     assert outcomes[0].killed and outcomes[1].killed
     assert outcomes[0].reused in (2, 3), "the clips that were done are kept"

@@ -115,11 +115,11 @@ def test_more_clips_cost_only_themselves(
     films: Path, corpus: Path, build: Build, analysed: list[str]
 ) -> None:
     put(corpus, films, *MANY)
-    first = build(settings=BuildSettings())
+    first = build()
     assert first.reused == 0 and sorted(analysed) == [*MANY, "mask"]
     assert first.person == tuple(MANY)
     put(corpus, films, "y")
-    second = build(settings=BuildSettings())
+    build()
     analysed.clear()
     put(corpus, films, "z")
     second = build(settings=BuildSettings())
@@ -130,7 +130,7 @@ def test_more_clips_cost_only_themselves(
     assert second.units == in_one_go.units > first.units
     assert second.estimate.frames < in_one_go.estimate.frames
     analysed.clear()
-    assert build(settings=BuildSettings()).reused == 8 and analysed == []
+    assert build().reused == 8 and analysed == []
 
 
 def test_a_clip_that_comes_first_makes_another_mask(
@@ -231,14 +231,14 @@ def test_a_corpus_that_moved_is_not_analysed_again(
     analysed.clear()
     there = tmp_path / "there"
     corpus.rename(there)
-    report = build_database(there, tmp_path / "x.h5", jobs=1)
+    report = build_database(there, tmp_path / "x.h5", settings=QUICK, jobs=1)
     # The reason names the file, so it is found anew.
     assert analysed == ["foreign"] and report.reused == 2
     ((clip, reason),) = report.skipped
     assert clip == "foreign" and str(there / "foreign.mp4") in reason
     with open_database(report.path) as database:
         assert database.sequences.media[0] == str((there / "b.mp4").resolve())
-    in_one_go = build_database(there, tmp_path / "go.h5", jobs=1)
+    in_one_go = build_database(there, tmp_path / "go.h5", settings=QUICK, jobs=1)
     assert content_hash(report.path) == content_hash(in_one_go.path)
 
 

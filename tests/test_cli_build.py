@@ -22,6 +22,9 @@ from database.video_writer import VideoWriter
 
 Run = Callable[..., tuple[int, str, str]]
 
+QUICK = ("--lips", "mesh-only")
+"""A lip model takes longer than all the rest of a small build."""
+
 
 @pytest.fixture(scope="module")
 def faulty(
@@ -79,7 +82,7 @@ def test_build_reports_what_it_made_and_skipped_as_one_object(
 
 def test_build_for_people_names_every_skipped_clip(faulty: Path, tmp_path: Path, run: Run) -> None:
     status, out, err = run(
-        *("build", faulty, "-o", tmp_path / "me.h5", "--jobs", 1),
+        *("build", faulty, "-o", tmp_path / "me.h5", "--jobs", 1, *QUICK),
         *("--exclude", "good2, mute,faceless"),
     )
     assert (status, err) == (0, "")
@@ -93,7 +96,7 @@ def test_limit_spreads_over_the_sorted_names(puppet_corpus: Path, tmp_path: Path
     clips = sorted(p.stem for p in puppet_corpus.glob("*.mp4"))
     status, out, _ = run(
         *("build", puppet_corpus, "-o", tmp_path / "one.h5", "--jobs", 1, "--json"),
-        *("--exclude", ",".join(clips[3:]), "--limit", 2, "--codec", "webp:80"),
+        *("--exclude", ",".join(clips[3:]), "--limit", 2, "--codec", "webp:80", *QUICK),
     )
     assert status == 0
     with open_database(tmp_path / "one.h5") as database:
@@ -104,12 +107,12 @@ def test_limit_spreads_over_the_sorted_names(puppet_corpus: Path, tmp_path: Path
 
 @pytest.mark.parametrize("after", ["nothing", "a clip"])
 def test_an_interrupted_build_leaves_whole_clips_and_no_noise(
-    puppet_corpus: Path, face_models: FaceModels, tmp_path: Path, after: str
+    puppet_corpus: Path, face_models: FaceModels, tmp_path: Path, run: Run, after: str
 ) -> None:
     """As a terminal does it: every process of the build is interrupted at once."""
     command = [
         *(sys.executable, "-m", "unitsel", "build", str(puppet_corpus)),
-        *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json"),
+        *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json", *QUICK),
     ]
     build = subprocess.Popen(
         command,
@@ -139,8 +142,8 @@ def test_an_interrupted_build_leaves_whole_clips_and_no_noise(
     marks = (f"sem.loky-{build.pid}-", f"joblib_memmapping_folder_{build.pid}_")
     assert not [p for p in Path("/dev/shm").glob("*") if p.name.startswith(marks)]
     if kept:
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-        assert json.loads(done.stdout)["reused"] == len(kept)
+        status, out, _ = run(*command[3:], "--jobs", 1)
+        assert status == 0 and json.loads(out)["reused"] == len(kept)
 
 
 def test_an_estimate_is_told_without_the_work(faulty: Path, tmp_path: Path, run: Run) -> None:
@@ -159,7 +162,7 @@ def test_an_estimate_is_told_without_the_work(faulty: Path, tmp_path: Path, run:
 
 
 def test_kept_clips_are_named_and_can_be_discarded(faulty: Path, tmp_path: Path, run: Run) -> None:
-    chosen = ("--jobs", 1, "--exclude", "broken,faceless,mute,wordless")
+    chosen = ("--jobs", 1, "--exclude", "broken,faceless,mute,wordless", *QUICK)
     output, elsewhere = tmp_path / "me.h5", tmp_path / "kept"
     status, out, _ = run("build", faulty, "-o", output, *chosen, "--shards", elsewhere)
     assert status == 0 and f"kept for a build of more in {elsewhere} (" in out

@@ -65,11 +65,16 @@ def inputs(puppet_db: Path, puppet: ModuleType, tmp_path_factory: pytest.TempPat
     puppet.write_clip(folder / "wordless/clip.mp4", track, puppet.hum(track))
     (folder / "broken/clip.mp4").write_bytes(binary)
     (folder / "broken/clip.txt").write_text("bin blue now\n")
+    (folder / "dots.txt").write_text("?! ... -\n")
     return folder
 
 
 def _synth(*, db: str = "db.h5", timing: str = "good.TextGrid", out: str = "OUT/o.mp4", more=()):
     return ("synth", f"IN/{db}", f"IN/{timing}", "-o", out, *more)
+
+
+def _say(text: str, *more: str):
+    return ("say", "IN/db.h5", text, "-o", "OUT/o.mp4", *more)
 
 
 TIMINGS = [
@@ -94,7 +99,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     # Outputs
     (_synth(out="OUT/none/o.mp4"), "OUT/none"),
     (_synth(out="OUT/o.avi"), "OUT/o.avi"),
-    (_synth(out="OUT/o"), "OUT/o"),
+    (_synth(out="OUT/o.gif"), "OUT/o.gif"),
     (("build", "IN/wordless", "-o", "OUT/none/me.h5"), "OUT/none"),
     (("build", "IN/wordless", "-o", "OUT"), "OUT"),
     (("align", *LINE, "-o", "OUT/none/o.TextGrid"), "OUT/none"),
@@ -143,6 +148,16 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("evaluate", "IN/db.h5", "IN/faceless"), "IN/faceless/clip.mp4"),
     (("evaluate", "IN/db.h5", "IN/mute"), "IN/mute/clip.mp4"),
     (_synth(more=("--background", "IN/faceless/clip.mp4")), "IN/faceless/clip.mp4"),
+    # Speech
+    (_say("a", "--voice", "nosuchvoice"), "voice 'nosuchvoice'"),
+    (_say("?! ... -"), "holds nothing that voice 'en-us' can say"),
+    (_say("a", "--background", "IN/faceless/clip.mp4"), "IN/faceless/clip.mp4"),
+    (("dub", "IN/db.h5", "IN/mute/clip.mp4", "IN/words.txt", "-o", "OUT/o.mp4"), "IN/mute/clip"),
+    (("dub", "IN/db.h5", "IN/wordless/clip.mp4", "IN/dots.txt", "-o", "OUT/o.mp4"), "IN/dots.txt"),
+    (
+        ("dub", "IN/db.h5", "IN/wordless/clip.mp4", "IN/empty.lab", "-o", "OUT/o.mp4"),
+        "IN/empty.lab",
+    ),
 ]
 
 
@@ -182,6 +197,8 @@ def test_bad_input_is_told_in_one_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    if "say" in arguments:
+        pytest.importorskip("espeakng_loader", reason="needs the optional extra `espeak`")
     _check(arguments, named, inputs, tmp_path, capsys)
 
 

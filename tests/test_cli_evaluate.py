@@ -8,10 +8,15 @@ from pathlib import Path
 from types import ModuleType
 
 import cv2
+import numpy as np
 import pytest
 
+from database.media import probe, read_video
+from database.reader import open_database
+from database.sound import read_sound
 from database.timing import Timing, write_timing
 from unitsel.costs import Weights
+from unitsel.likeness.side_by_side import STRIP
 from unitsel.settings import SelectionSettings, TargetSettings
 
 Run = Callable[..., tuple[int, str, str]]
@@ -124,3 +129,57 @@ def test_what_does_not_go_together(
     status, out, err = run("evaluate", puppet_db, *arguments)
     assert (status, out) == (2, "")
     assert err.startswith("unitsel: ") and err.count("\n") == 1 and named in err
+
+
+def test_videos_show_the_recording_beside_what_was_made_of_it(
+    puppet_db: Path, unseen: Path, run: Run, tmp_path: Path
+) -> None:
+    videos = tmp_path / "videos"
+    status, out, err = run("evaluate", puppet_db, unseen, "--video", videos, "--json")
+    assert (status, err) == (0, "")
+    document = json.loads(out)
+    assert document["videos"] == [str(videos / "new.mp4")] and document["without_video"] == []
+    assert [p.name for p in videos.iterdir()] == ["new.mp4"]
+    recorded, shown = probe(unseen / "new.mp4"), probe(videos / "new.mp4")
+    assert shown.frames == recorded.frames and shown.fps == recorded.fps and shown.has_sound
+    height, width = recorded.height, recorded.width
+    assert shown.width == 2 * width and shown.height == height + STRIP
+    differing = 0.0
+    for real, both in zip(
+        read_video(unseen / "new.mp4"), read_video(videos / "new.mp4"), strict=True
+    ):
+        below = both.planes.y[STRIP:].astype(float)
+        left, right = below[:, :width], below[:, width:]
+        coded = np.abs(left - real.planes.y).mean()
+        assert coded < 4
+        # All but the middle of the face is the recording's own.
+        assert np.abs(right[:80] - real.planes.y[:80]).mean() < 1.5 * coded
+        differing = max(differing, float(np.abs(left - right).max()))
+    assert differing > 30
+    there, made = (read_sound(p).samples for p in (unseen / "new.mp4", videos / "new.mp4"))
+    assert np.corrcoef(there[4000:20000], made[4000:20000])[0, 1] > 0.8
+
+
+def test_videos_of_the_database_s_own_sentences(puppet_db: Path, run: Run, tmp_path: Path) -> None:
+    with open_database(puppet_db) as database:
+        folds = len(database.sequences)
+    status, out, err = run(
+        *("evaluate", puppet_db, "--folds", folds, "--limit", 1, "--jobs", 1),
+        *("--video", tmp_path, "--target", "paper"),
+    )
+    assert (status, err) == (0, "")
+    assert f"videos: 1 in {tmp_path}" in out
+    assert probe(tmp_path / "hopper1.mp4").height == 352 + STRIP
+
+
+def test_a_recording_that_went_away_is_told_and_its_own_file_is_not_replaced(
+    puppet_db: Path, unseen: Path, puppet: ModuleType, run: Run, tmp_path: Path
+) -> None:
+    before = (unseen / "new.mp4").read_bytes()
+    status, out, _ = run("evaluate", puppet_db, unseen, "--video", unseen)
+    assert status == 0
+    assert "no video of new" in out and "is the recording itself" in out
+    assert (unseen / "new.mp4").read_bytes() == before
+    (tmp_path / "file").touch()
+    status, _, err = run("evaluate", puppet_db, unseen, "--video", tmp_path / "file")
+    assert status == 2 and err.count("\n") == 1 and "cannot be made" in err

@@ -86,11 +86,15 @@ def test_a_sentence_is_spoken_and_shown(say: Callable[..., dict], tmp_path: Path
 def test_text_comes_from_a_file_and_from_standard_input(
     say: Callable[..., dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected = say(TEXT)
+    def said(*arguments: object) -> dict[str, object]:
+        # espeak's times change by a millisecond from one call to the next, and costs with them.
+        return {k: v for k, v in say(*arguments).items() if k not in ("cost", "segments")}
+
+    expected = said(TEXT)
     (tmp_path / "text.txt").write_text(f"\ufeff{TEXT}\n", encoding="utf-8")
-    assert say("--file", tmp_path / "text.txt") == expected
+    assert said("--file", tmp_path / "text.txt") == expected
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXT.encode())))
-    assert say("-") == expected
+    assert said("-") == expected
 
 
 @pytest.mark.usefixtures("espeak")

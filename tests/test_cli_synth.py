@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import wave
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -24,17 +25,8 @@ from unitsel.settings import settings_for
 Run = Callable[..., tuple[int, str, str]]
 
 KEYS = {
-    *(
-        "video",
-        "background",
-        "frames",
-        "fps",
-        "seconds",
-        "sound_copied",
-        "segments",
-        "cost",
-        "fallbacks",
-    ),
+    *("video", "background", "frames", "fps", "seconds", "sound_copied", "sound_seconds"),
+    *("segments", "cost", "fallbacks", "notes"),
 }
 
 
@@ -48,7 +40,7 @@ def synth(run: Run, puppet_db: Path, tmp_path: Path) -> Callable[..., dict[str, 
         assert (status, err) == (0, ""), err
         assert out.count("\n") == 1
         document = json.loads(out)
-        assert set(document) == KEYS
+        assert set(document) - {"background_notes"} == KEYS
         assert document["video"] == str(output)
         assert document["frames"] == len(_times(output))
         assert document["seconds"] == pytest.approx(document["frames"] / document["fps"], abs=1e-4)
@@ -166,7 +158,40 @@ def test_sound_shorter_than_the_phones_is_followed_by_silence(
     write_timing(tmp_path / "long.TextGrid", Timing(track, words))
     found = synth(tmp_path / "long.TextGrid", "--audio", puppet_corpus / "hopper1.mp4")
     assert found["frames"] == frame_count(track.end, 25)
+    # Packets that are taken over as they are cannot be lengthened; that is told.
+    assert found["sound_copied"]
+    length = read_sound(puppet_corpus / "hopper1.mp4").duration
+    assert found["sound_seconds"] == pytest.approx(length, abs=0.06)
+    samples = read_sound(puppet_corpus / "hopper1.mp4")
+    with wave.open(str(tmp_path / "short.wav"), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(samples.rate)
+        file.writeframes((samples.samples * 32767).astype("<i2").tobytes())
+    found = synth(tmp_path / "long.TextGrid", "--audio", tmp_path / "short.wav")
+    assert not found["sound_copied"]
+    assert found["sound_seconds"] == pytest.approx(track.end, abs=0.06)
     assert read_sound(tmp_path / "out.mp4").duration == pytest.approx(track.end, abs=0.06)
+    (note,) = found["notes"]
+    assert "short.wav: lasts 2.05 s, and the timings end at 2.70 s; the rest is silent" in note
+
+
+def test_sound_longer_than_the_phones_is_told(
+    puppet: ModuleType,
+    puppet_db: Path,
+    puppet_corpus: Path,
+    run: Run,
+    synth: Callable[..., dict],
+    tmp_path: Path,
+) -> None:
+    track, words = puppet.even_track("bin blue", 0.1, 0.4)
+    timing = tmp_path / "short.TextGrid"
+    write_timing(timing, Timing(track, words))
+    audio = ("--audio", puppet_corpus / "hopper1.mp4")
+    (note,) = synth(timing, *audio)["notes"]
+    assert "the timings end at 0.80 s; the mouth rests till its end" in note
+    status, out, err = run("synth", puppet_db, timing, "-o", tmp_path / "out.mp4", *audio)
+    assert (status, err) == (0, "") and note in out
 
 
 def test_background_of_the_database_and_of_other_footage(

@@ -17,6 +17,7 @@ import pytest
 from database.fingerprint import identity
 from database.reader import open_database
 from database.timing import Timing, write_timing
+from unitsel.cli import main
 from unitsel.settings import SelectionSettings, default_settings
 
 Run = Callable[..., tuple[int, str, str]]
@@ -43,10 +44,7 @@ def unseen(
 def trained(puppet_db: Path, unseen: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Train without a stop, and give the file."""
     path = tmp_path_factory.mktemp("trained") / "weights.json"
-    done = subprocess.run(
-        command(puppet_db, unseen, path), capture_output=True, text=True, timeout=300, check=True
-    )
-    assert done.stderr == ""
+    assert main(command(puppet_db, unseen, path)[3:]) == 0
     return path.read_bytes()
 
 
@@ -159,6 +157,7 @@ def test_weights_are_taken_by_synth_and_stored_ones_by_all(
 def test_a_stopped_run_resumes_to_the_same_front(
     puppet_db: Path,
     unseen: Path,
+    run: Run,
     tmp_path: Path,
     trained: bytes,
     stop: signal.Signals,
@@ -189,14 +188,9 @@ def test_a_stopped_run_resumes_to_the_same_front(
         assert err.count("\n") == 1 and "interrupted" in err
     assert {p.name for p in tmp_path.iterdir()} == {"weights.json.partial"}
     tried = len(state.read_bytes().splitlines()) - 1
-    done = subprocess.run(
-        command(puppet_db, unseen, output, "--resume", "--json"),
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
-    document = json.loads(done.stdout)
+    status, out, _ = run(*command(puppet_db, unseen, output, "--resume", "--json")[3:])
+    assert status == 0
+    document = json.loads(out)
     assert 0 < document["tried"] <= document["sets"] - tried + 1 < document["sets"]
     assert output.read_bytes() == trained
     assert {p.name for p in tmp_path.iterdir()} == {"weights.json"}

@@ -158,7 +158,17 @@ def test_numbers_are_those_of_the_selection(
         np.testing.assert_allclose(column(name), values, rtol=1e-4, atol=1e-12)
 
     same("target", costs.target)
-    same("paper", costs.target)
+    np.testing.assert_allclose(column("paper") + column("lips"), costs.target, rtol=1e-3)
+    graph = selection.graph
+    assert graph.lips is not None
+    for t, (lips, paper, unit) in enumerate(
+        zip(graph.lips, graph.paper, selection.units, strict=True)
+    ):
+        place = int(np.flatnonzero(graph.candidates[t] == unit)[0])
+        assert float(rows[t]["paper"]) == pytest.approx(paper[place], rel=1e-4, abs=1e-12)
+        asked = 0.0 if lips is None else lips[place]
+        assert float(rows[t]["lips"]) == pytest.approx(asked, rel=1e-4, abs=1e-12)
+    assert any(lips is not None and lips.max() > 0 for lips in graph.lips)
     same("f", np.append(0, costs.visual))
     same("g", np.append(0, costs.skip))
     same("weighted target", w.target * costs.target)
@@ -192,6 +202,8 @@ def test_summary_adds_up_to_the_path_cost(
     assert float(rows["VC_avg"][0]) == pytest.approx(vc_avg(pca, *place), rel=1e-4)
     assert float(rows["TC_avg"][0]) == pytest.approx(tc_avg(selection.costs.target), rel=1e-4)
     assert rows["weights"] == ["target 2, concatenation 0.5"]
+    assert rows["lips"] == ["rest 1.5, closure 4"]
+    assert "TC_avg: rest and closure of lips" in rows
 
 
 def test_joins_are_marked_where_they_are(page: Page, joined: np.ndarray) -> None:

@@ -1,5 +1,7 @@
 """Faces found and followed, on a real portrait and on what is no face."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -121,9 +123,30 @@ def test_following_starts_anew_after_reset(finder, face_models, portrait):
     np.testing.assert_array_equal(finder.find(portrait).points, alone.points)
 
 
-def test_a_file_that_is_no_network(tmp_path, face_models):
+@pytest.fixture(params=["with LiteRT", "without"])
+def engine(request, monkeypatch):
+    """Each of the two libraries that run the networks."""
+    if request.param == "without":
+        monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
+        return "OpenCV"
+    pytest.importorskip("ai_edge_litert", reason="the extra `fast` is not installed")
+    return "LiteRT"
+
+
+def test_both_libraries_see_the_same(engine, face_models, finder, portrait):
+    found = FaceFinder(face_models).find(portrait)
+    finder.reset()
+    np.testing.assert_allclose(found.points, finder.find(portrait).points, atol=0.01)
+
+
+def test_a_file_that_is_no_network(engine, tmp_path, face_models, capfd):
     wrong = tmp_path / "face.tflite"
     wrong.write_bytes(b"no network at all" * 100)
-    with pytest.raises(ModelError, match=r"face\.tflite: OpenCV cannot load it") as caught:
+    with pytest.raises(ModelError, match=rf"face\.tflite: {engine} cannot load it") as caught:
         FaceFinder(FaceModels(face_models.detector, wrong))
     assert "\n" not in str(caught.value)
+    other = FaceModels(face_models.detector, face_models.detector)
+    if engine == "LiteRT":
+        with pytest.raises(ModelError, match="is another model"):
+            FaceFinder(other)
+        assert capfd.readouterr().err == ""

@@ -12,7 +12,8 @@ from database.sound import Sound
 from database.timing import Timing, WordTrack, read_timing, write_timing
 from database.track import Interval
 from database.video_writer import VideoWriter
-from render.background import Background, stream_frames
+from render.background import Background
+from render.playback import Playback
 from unitsel import Synthesizer
 
 SECONDS = 3.0
@@ -118,9 +119,9 @@ def test_the_background_shows_the_tracked_frames(built):
     poses = Poses(db.units.rotation[mine], db.units.translation[mine])
     start = float(db.starts[last])
     background = Background.from_tracked(long, db.fps, db.units.frame[mine], poses, start)
-    shown = list(stream_frames(background, np.arange(5)))
+    played = Playback(background, db.fps, db.mask.patch, db.camera, length=5)
     whole = list(read_video(long))
-    for i, frame in enumerate(shown):
+    for i, frame in zip(range(5), played, strict=False):
         wanted = whole[round(start * 25) + background.first + i]
         np.testing.assert_array_equal(frame.planes.y, wanted.planes.y)
 

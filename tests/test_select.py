@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import itertools
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from analysis.cost_model import fit_cost_model
 from database.cost_definition import CostSettings
 from database.errors import SelectionError
 from database.phonemes import PHONEME_INDEX, PHONEMES, SILENCE, VISEME_OF
-from database.schema import CostModel, Sequences, TextureModel, Units
+from database.schema import CostModel, PhoneMarks, Phones, Sequences, TextureModel, Units
 from database.track import PhonemeTrack, context_frames, context_windows
 from unitsel.costs import Weights
 from unitsel.select import select_path, select_units, target_graph
@@ -31,6 +32,8 @@ class Source:
     texture: TextureModel
     costs: CostModel
     phonemes: list
+    phones: Phones
+    marks: PhoneMarks = field(default_factory=PhoneMarks.none)
     guides: tuple[str, ...] = ()
 
     def guide(self, kind):
@@ -80,7 +83,23 @@ def make_source(sentences, fps=25.0, seed=0):
     texture = TextureModel(nothing, nothing, EIGENVALUES, nothing, nothing)
     contexts = np.concatenate([context_windows(t, context_frames(fps)) for t in tracks])
     costs = fit_cost_model(units, contexts, EIGENVALUES, fps)
-    return Source(fps, units, sequences, texture, costs, tracks)
+    return Source(fps, units, sequences, texture, costs, tracks, phones_of(tracks, fps))
+
+
+def phones_of(tracks, fps):
+    """Give the phones of sentences of a phoneme a frame."""
+    rows = []
+    for s, track in enumerate(tracks):
+        edges = np.flatnonzero(np.diff(track)) + 1
+        bounds = itertools.pairwise([0, *edges, len(track)])
+        rows += [(s, track[a], a / fps, b / fps) for a, b in bounds]
+    sequence, phoneme, start, end = zip(*rows, strict=True)
+    return Phones(
+        np.array(sequence, np.int32),
+        np.array(phoneme, np.uint8),
+        np.array(start, np.float64),
+        np.array(end, np.float64),
+    )
 
 
 def track_of(sentence, fps=25.0):

@@ -15,6 +15,7 @@ from database.fingerprint import content_hash, identity
 from database.reader import open_database
 from database.writer import store_selection
 from unitsel.costs import Weights
+from unitsel.lip_targets import RestSettings
 from unitsel.settings import (
     TARGETS,
     SelectionSettings,
@@ -27,6 +28,7 @@ SETTINGS = SelectionSettings(
     Weights(1.5, 2, 0.25, 0),
     CostSettings(beta1=-0.5, p=7, context=0.12, features=FeatureWeights(1, 2, 0, 0.25)),
     TargetSettings("guided", 0.5),
+    RestSettings(rest=0.5, closure=0, after=0.05, before=0.3, closed=0.2),
 )
 
 
@@ -34,7 +36,7 @@ def document(**changes: Any) -> dict[str, Any]:
     """Give the content of a good file, with changes."""
     return {
         "format": "unitsel-weights",
-        "version": 2,
+        "version": 3,
         **SelectionSettings().as_json(),
         "meaning": {},
         "database": None,
@@ -76,6 +78,15 @@ def test_weights_of_another_database_are_refused_with_the_remedy(tmp_path: Path)
     assert SelectionSettings.read(path, database="d2") == SETTINGS
 
 
+def test_a_file_from_before_there_were_costs_of_lips_has_the_usual_ones(tmp_path: Path) -> None:
+    path = tmp_path / "weights.json"
+    content = document(version=2)
+    del content["lips"]
+    path.write_text(json.dumps(content))
+    assert SelectionSettings.read(path) == SelectionSettings()
+    assert SelectionSettings.read(path).lips == RestSettings()
+
+
 def test_weights_of_no_database_go_with_any(tmp_path: Path) -> None:
     SETTINGS.write(tmp_path / "weights.json")
     assert SelectionSettings.read(tmp_path / "weights.json", database="d2") == SETTINGS
@@ -91,7 +102,7 @@ def test_weights_of_no_database_go_with_any(tmp_path: Path) -> None:
         (b"{}", "is not a file of weights"),
         (document(format="other"), "is not a file of weights"),
         (document(version=1), "has version 1.*train the weights again"),
-        (document(version=3), "has version 3"),
+        (document(version=4), "has version 4.*reads versions 2 to 3"),
         (document(weights=None), "'weights' must hold exactly concatenation, skip, target, visual"),
         (document(weights=[1, 1, 1, 1]), "'weights' must hold exactly"),
         (document(weights={"target": 1}), "'weights' must hold exactly"),
@@ -113,6 +124,11 @@ def test_weights_of_no_database_go_with_any(tmp_path: Path) -> None:
         (changed("target", name="other"), f"none of {', '.join(TARGETS)}"),
         (changed("target", share=1.5), "share must lie in 0..1"),
         (changed("target", share=math.nan), "share must lie in 0..1"),
+        (document(lips=3), "'lips' must hold exactly after, before, closed, closure, rest"),
+        (changed("lips", rest=-1), "rest must be a finite number, 0 or more"),
+        (changed("lips", closure=math.inf), "closure must be a finite number"),
+        (changed("lips", before="x"), "before must be a finite number"),
+        (changed("lips", closed=1.5), "closed must lie in 0..1"),
     ],
 )
 def test_a_bad_file_is_one_line_with_its_name(

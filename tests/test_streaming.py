@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -375,3 +377,17 @@ def test_a_track_without_a_pause_is_cut_all_the_same() -> None:
     parts = pieces(drone)
     assert sum(p.end for p in parts) == pytest.approx(200)
     assert max(p.end for p in parts) <= 60 + 1e-6
+
+
+def test_what_was_shown_is_forgotten(synthesizer: Synthesizer, puppet: ModuleType) -> None:
+    """Of forty utterances only those that are being made and shown are held."""
+    short = puppet.even_track("set", 0.05, 0.1)[0]
+    held: list[weakref.ref[object]] = []
+    most = 0
+    for frame in synthesizer.stream([short] * 40):
+        if frame.utterance.index == len(held):
+            held.append(weakref.ref(frame.utterance.selection))
+            gc.collect()
+            most = max(most, sum(r() is not None for r in held))
+    assert len(held) == 40
+    assert most <= 6

@@ -19,9 +19,10 @@ from database.reader import UnitDatabase, open_database
 from database.track import PhonemeTrack, frame_count
 from database.video_writer import VideoWriter
 from database.writer import write_database
-from render.background import Background, playback_indices
+from render.background import Background
 from render.blend import blend_alpha
 from render.scene import Scene
+from unitsel.background_ranking import rank_backgrounds
 from unitsel.costs import Weights
 from unitsel.synthesizer import Synthesizer
 
@@ -87,7 +88,9 @@ def test_outside_the_blend_region_planes_are_the_backgrounds(
     originals = [
         f for f in read_video(background.path, background.fps) if f.index >= background.first
     ]
-    places = playback_indices(len(background), len(made), background.fps, fps)
+    # As long as the background lasts it is played straight on, at each rate nearest in time.
+    places = np.ceil(np.arange(len(made)) * (background.fps / fps) - 0.5 - 1e-6).astype(int)
+    assert places[-1] < len(background)
     info = probe(background.path)
     camera = db.camera.scaled_to(info.width, info.height)
     patch = db.mask.patch
@@ -213,16 +216,17 @@ def made_up(makedb: ModuleType, tmp_path: Path) -> Path:
     return path
 
 
-def test_the_steadiest_clip_at_hand_is_the_background(made_up: Path) -> None:
-    folder = made_up.parent
+def test_the_best_clip_at_hand_is_the_background(made_up: Path) -> None:
     with open_database(made_up) as database:
         synthesizer = Synthesizer(database)
-        assert synthesizer.background().path == folder / "clip02.mpg"
-        (folder / "clip02.mpg").write_text("another video by now")
-        second = synthesizer.background().path
-        assert second != folder / "clip02.mpg"
+        ranked = rank_backgrounds(database)
+        assert {one.media for one in ranked} == set(made_up.parent.glob("*.mpg"))
+        first, second, third = (one.media for one in ranked[:3])
+        assert synthesizer.background().path == first
+        first.write_text("another video by now")
+        assert synthesizer.background().path == second
         second.unlink()
-        assert synthesizer.background().path not in (second, folder / "clip02.mpg")
+        assert synthesizer.background().path == third
 
 
 def test_footage_moved_away_asks_for_a_background(made_up: Path) -> None:

@@ -23,6 +23,7 @@ from database.track import context_windows
 from unitsel.costs import Weights
 from unitsel.likeness.evaluation import Evaluator
 from unitsel.likeness.measures import sl_avg
+from unitsel.lip_targets import lip_costs, wanted_phonemes
 from unitsel.select import select_units
 from unitsel.settings import SelectionSettings, TargetSettings, settings_for
 from unitsel.source import SelectionInput
@@ -137,9 +138,13 @@ def test_target_costs_of_other_constants_are_counted_by_the_same_ruler(
         assert (
             units == select_units(SelectionInput.of(database, costs), s.track, settings).units
         ).all()
-        wanted = context_windows(s.track.sample(database.fps), 5)
+        wanted = context_windows(wanted_phonemes(s.track, database.fps, BASE.lips), 5)
         m = source.phoneme_distance[wanted, source.contexts[units]] @ source.context_weights
-        expected.append((m / source.target_scale).mean())
+        own = [units[t : t + 1] for t in range(len(units))]
+        held = lip_costs(source.lips, s.track, database.fps, own, BASE.lips)
+        assert held is not None and any(cost is not None for cost in held)
+        lips = np.array([0.0 if cost is None else cost[0] for cost in held])
+        expected.append((m / source.target_scale + lips).mean())
     assert measured == pytest.approx(np.mean(expected))
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 # Our other three packages have common names. Say so before a stranger's module of the same
 # name fails in some less helpful way.
@@ -82,6 +82,8 @@ if TYPE_CHECKING:
     from database.track import Interval, PhonemeTrack
     from render.background import Background
     from render.blend import BlendShape
+    from unitsel.background_keeping import add_backgrounds, remove_backgrounds
+    from unitsel.background_ranking import RankedBackground, rank_backgrounds
     from unitsel.costs import Weights
     from unitsel.doctor.page import write_doctor_page
     from unitsel.doctor.report import DoctorReport, doctor_report
@@ -90,6 +92,7 @@ if TYPE_CHECKING:
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
+    from unitsel.lip_targets import RestSettings
     from unitsel.placed import Placed
     from unitsel.portrait.driver import DriveSettings
     from unitsel.portrait.facts import PortraitFacts, inspect_portrait
@@ -110,168 +113,6 @@ if TYPE_CHECKING:
     from unitsel.training.result import Training, TrainingSettings
     from unitsel.training.train import train
     from unitsel.writing import Encoding, Written
-
-_HOMES = {
-    "analysis.align": (
-        "AlignSettings",
-        "Attempt",
-    ),
-    "analysis.alignment": ("Alignment",),
-    "analysis.build": (
-        "BuildReport",
-        "BuildSettings",
-        "build_database",
-    ),
-    "analysis.face": ("FaceSettings",),
-    "analysis.guide": ("GuideSettings",),
-    "analysis.lag": ("LagSettings",),
-    "analysis.merge": ("merge_databases",),
-    "analysis.motion": (
-        "CropSettings",
-        "MotionSettings",
-    ),
-    "analysis.portrait": (
-        "PortraitReport",
-        "PortraitSettings",
-        "make_portrait",
-    ),
-    "analysis.portrait_adjust": (
-        "Adjustment",
-        "Drag",
-        "adjust",
-        "read_adjustment",
-    ),
-    "analysis.texture": ("TextureSettings",),
-    "database.cost_definition": (
-        "CostSettings",
-        "FeatureWeights",
-    ),
-    "database.errors": (
-        "AlignmentError",
-        "CorpusError",
-        "DatabaseError",
-        "FaceError",
-        "MediaError",
-        "ModelError",
-        "PhonemeError",
-        "PronunciationError",
-        "RenderError",
-        "SelectionError",
-        "SpeechError",
-        "TimingError",
-        "TrackError",
-        "UnitselError",
-    ),
-    "database.heads": ("open_head",),
-    "database.lexicon": (
-        "Lexicon",
-        "spread_words",
-    ),
-    "database.phonemes": (
-        "PHONEMES",
-        "VISEMES",
-    ),
-    "database.planes": (
-        "Colour",
-        "Planes",
-        "planes_to_rgb",
-    ),
-    "database.portrait_file": ("PortraitHead",),
-    "database.portrait_mesh": ("FaceMotion",),
-    "database.reader": (
-        "UnitDatabase",
-        "open_database",
-    ),
-    "database.sound": (
-        "Sound",
-        "read_sound",
-    ),
-    "database.timing": (
-        "Timing",
-        "read_timing",
-        "timing_extensions",
-        "write_timing",
-    ),
-    "database.timing.words": ("WordTrack",),
-    "database.track": (
-        "Interval",
-        "PhonemeTrack",
-    ),
-    "render.background": ("Background",),
-    "render.blend": ("BlendShape",),
-    "unitsel.costs": ("Weights",),
-    "unitsel.doctor.page": ("write_doctor_page",),
-    "unitsel.doctor.report": (
-        "DoctorReport",
-        "doctor_report",
-    ),
-    "unitsel.explain": ("write_explanation",),
-    "unitsel.heads": ("synthesizer_of",),
-    "unitsel.inspection": (
-        "Inspection",
-        "inspect_database",
-    ),
-    "unitsel.likeness.evaluation": (
-        "Evaluation",
-        "evaluate",
-    ),
-    "unitsel.likeness.folds": ("evaluate_folds",),
-    "unitsel.placed": ("Placed",),
-    "unitsel.portrait.driver": ("DriveSettings",),
-    "unitsel.portrait.facts": (
-        "PortraitFacts",
-        "inspect_portrait",
-    ),
-    "unitsel.portrait.performance": ("Performance",),
-    "unitsel.portrait.synthesizer": ("PortraitSynthesizer",),
-    "unitsel.provenance": ("Provenance",),
-    "unitsel.select": (
-        "Fallback",
-        "Selection",
-    ),
-    "unitsel.settings": (
-        "SelectionSettings",
-        "TargetSettings",
-        "default_settings",
-    ),
-    "unitsel.speech.spoken": (
-        "Speech",
-        "speak",
-    ),
-    "unitsel.speech_track": (
-        "align_media",
-        "track_of_timing",
-    ),
-    "unitsel.streaming": ("StreamedFrame",),
-    "unitsel.synthesizer": ("Synthesizer",),
-    "unitsel.training.pareto": ("ParetoSettings",),
-    "unitsel.training.result": (
-        "Training",
-        "TrainingSettings",
-    ),
-    "unitsel.training.train": ("train",),
-    "unitsel.writing": (
-        "Encoding",
-        "Written",
-    ),
-}
-"""The module that each public name is taken from when it is first used: to make a video takes none
-of the libraries that a build does."""
-
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME_OF[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
-
 
 __version__ = "0.1.0"
 
@@ -323,7 +164,9 @@ __all__ = [
     "PortraitSynthesizer",
     "PronunciationError",
     "Provenance",
+    "RankedBackground",
     "RenderError",
+    "RestSettings",
     "Selection",
     "SelectionError",
     "SelectionSettings",
@@ -345,6 +188,7 @@ __all__ = [
     "WordTrack",
     "Written",
     "__version__",
+    "add_backgrounds",
     "adjust",
     "align_media",
     "build_database",
@@ -359,9 +203,11 @@ __all__ = [
     "open_database",
     "open_head",
     "planes_to_rgb",
+    "rank_backgrounds",
     "read_adjustment",
     "read_sound",
     "read_timing",
+    "remove_backgrounds",
     "speak",
     "spread_words",
     "synthesizer_of",
@@ -372,3 +218,79 @@ __all__ = [
     "write_explanation",
     "write_timing",
 ]
+
+_HOMES: Final = {
+    "analysis.align": "AlignSettings Attempt",
+    "analysis.alignment": "Alignment",
+    "analysis.build": "BuildReport BuildSettings build_database",
+    "analysis.face": "FaceSettings",
+    "analysis.guide": "GuideSettings",
+    "analysis.lag": "LagSettings",
+    "analysis.merge": "merge_databases",
+    "analysis.motion": "CropSettings MotionSettings",
+    "analysis.portrait": "PortraitReport PortraitSettings make_portrait",
+    "analysis.portrait_adjust": "Adjustment Drag adjust read_adjustment",
+    "analysis.texture": "TextureSettings",
+    "database.cost_definition": "CostSettings FeatureWeights",
+    "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError "
+    "PhonemeError PronunciationError RenderError SelectionError SpeechError TimingError "
+    "TrackError UnitselError",
+    "database.heads": "open_head",
+    "database.lexicon": "Lexicon spread_words",
+    "database.phonemes": "PHONEMES VISEMES",
+    "database.planes": "Colour Planes planes_to_rgb",
+    "database.portrait_file": "PortraitHead",
+    "database.portrait_mesh": "FaceMotion",
+    "database.reader": "UnitDatabase open_database",
+    "database.sound": "Sound read_sound",
+    "database.timing": "Timing read_timing timing_extensions write_timing",
+    "database.timing.words": "WordTrack",
+    "database.track": "Interval PhonemeTrack",
+    "render.background": "Background",
+    "render.blend": "BlendShape",
+    "unitsel.background_keeping": "add_backgrounds remove_backgrounds",
+    "unitsel.background_ranking": "RankedBackground rank_backgrounds",
+    "unitsel.costs": "Weights",
+    "unitsel.doctor.page": "write_doctor_page",
+    "unitsel.doctor.report": "DoctorReport doctor_report",
+    "unitsel.explain": "write_explanation",
+    "unitsel.heads": "synthesizer_of",
+    "unitsel.inspection": "Inspection inspect_database",
+    "unitsel.likeness.evaluation": "Evaluation evaluate",
+    "unitsel.likeness.folds": "evaluate_folds",
+    "unitsel.lip_targets": "RestSettings",
+    "unitsel.placed": "Placed",
+    "unitsel.portrait.driver": "DriveSettings",
+    "unitsel.portrait.facts": "PortraitFacts inspect_portrait",
+    "unitsel.portrait.performance": "Performance",
+    "unitsel.portrait.synthesizer": "PortraitSynthesizer",
+    "unitsel.provenance": "Provenance",
+    "unitsel.select": "Fallback Selection",
+    "unitsel.settings": "SelectionSettings TargetSettings default_settings",
+    "unitsel.speech.spoken": "Speech speak",
+    "unitsel.speech_track": "align_media track_of_timing",
+    "unitsel.streaming": "StreamedFrame",
+    "unitsel.synthesizer": "Synthesizer",
+    "unitsel.training.pareto": "ParetoSettings",
+    "unitsel.training.result": "Training TrainingSettings",
+    "unitsel.training.train": "train",
+    "unitsel.writing": "Encoding Written",
+}
+"""Where each public name is made; read when it is first asked for, as the libraries below take
+seconds to load, and neither a command nor a process of a build needs them all."""
+
+_MODULE_OF: Final = {name: home for home, names in _HOMES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name (PEP 562)."""
+    home = _MODULE_OF.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(home), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *__all__})

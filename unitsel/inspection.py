@@ -42,6 +42,8 @@ class Inspection:
         How well each guide predicts speech on clips that were held back from it.
     own_settings : dict
         Settings of the selection that the database carries; empty where it carries none.
+    consent : str
+        What the person filmed has agreed to, as noted at the build; empty without a note.
     skipped, repaired : tuple of dict
         What the build reported.
     clips : tuple of dict
@@ -63,6 +65,7 @@ class Inspection:
     marks: dict[str, dict[str, int]]
     guides: dict[str, tuple[float, float]]
     own_settings: dict[str, Any]
+    consent: str
     skipped: tuple[dict[str, Any], ...]
     repaired: tuple[dict[str, Any], ...]
     clips: tuple[dict[str, Any], ...]
@@ -117,6 +120,7 @@ def inspect_database(database: UnitDatabase) -> Inspection:
         marks=_marks(database),
         guides={kind: _skill(database.guide(kind)) for kind in database.guides},
         own_settings=database.selection,
+        consent=database.consent,
         skipped=tuple(report.get("skipped", ())),
         repaired=tuple(report.get("repaired", ())),
         clips=tuple(

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from database.errors import UnitselError
 from database.phonemes import VISEMES
 from database.reader import UnitDatabase
 from unitsel.inspection import extreme_units, typical_units
 from unitsel.likeness.evaluation import Evaluation, Sentence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = {"real": "#c0392b", "selected": "#2458a6", "phoneme_mean": "#9aa0a6"}
 
@@ -78,7 +81,7 @@ def strip(pictures: Sequence[npt.NDArray[np.uint8]], columns: int) -> npt.NDArra
 def _sheet(database: UnitDatabase, units: list[int], titles: list[str], path: Path) -> Path:
     columns = 7
     rows = -(-len(units) // columns)
-    figure = Figure(figsize=(1.7 * columns, 2.0 * rows), layout="constrained")
+    figure = new_figure(1.7 * columns, 2.0 * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axis in axes:
         axis.set_axis_off()
@@ -90,7 +93,7 @@ def _sheet(database: UnitDatabase, units: list[int], titles: list[str], path: Pa
 
 def _shares(database: UnitDatabase, path: Path) -> Path:
     counts = np.bincount(database.units.viseme, minlength=len(VISEMES))
-    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    figure = new_figure(9, 3.2)
     axis = figure.subplots()
     axis.bar(range(len(VISEMES)), counts, color=COLOURS["selected"])
     axis.set_xticks(range(len(VISEMES)), [" ".join(v) for v in VISEMES], rotation=60, fontsize=7)
@@ -100,7 +103,7 @@ def _shares(database: UnitDatabase, path: Path) -> Path:
 
 
 def _trajectories(sentence: Sentence, path: Path) -> Path:
-    figure = Figure(figsize=(9, 5), layout="constrained")
+    figure = new_figure(9, 5)
     upper, lower = figure.subplots(2, 1, sharex=True)
     score = sentence.scores["selected"]
     _draw(upper, sentence, "pca", "first PCA weight")
@@ -127,6 +130,13 @@ def _draw(axis: Axes, sentence: Sentence, parameter: str, label: str) -> None:
         )
     axis.set_ylabel(label)
     axis.grid(alpha=0.25)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, inches; matplotlib takes a second to load, so only who draws loads it."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def saved_plot(figure: Figure, path: Path) -> Path:

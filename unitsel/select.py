@@ -19,6 +19,7 @@ from database.sound import Sound
 from database.track import PhonemeTrack, frame_count
 from unitsel.costs import Weights
 from unitsel.guide import Guide, guided_costs
+from unitsel.lip_targets import OFF, RestSettings, lip_costs, wanted_phonemes
 from unitsel.search import SearchResult, search
 from unitsel.search.result import priced
 from unitsel.settings import SelectionSettings, TargetSettings
@@ -61,7 +62,8 @@ class TargetGraph:
     Parameters
     ----------
     phonemes : (T,) uint8
-        Wanted phoneme of each frame, at the database's rate.
+        Wanted phoneme of each frame, at the database's rate
+        (`unitsel.lip_targets.wanted_phonemes`).
     candidates : T arrays of int32
         Units to choose from; frames of one viseme share an array.
     paper : T arrays of float64
@@ -75,6 +77,9 @@ class TargetGraph:
     fallbacks : tuple of Fallback
     duration : float
         Length of the sentence, seconds.
+    lips : T of float64 arrays or None, optional
+        What lips that do not rest or close add to the target cost
+        (`unitsel.lip_targets.lip_costs`), with its weights.
     """
 
     phonemes: npt.NDArray[np.uint8]
@@ -85,10 +90,22 @@ class TargetGraph:
     share: float
     fallbacks: tuple[Fallback, ...]
     duration: float
+    lips: tuple[FloatArray | None, ...] | None = None
 
     @cached_property
     def target(self) -> tuple[FloatArray, ...]:
-        """T arrays of float64: the target cost that is searched, paper's and guided in shares."""
+        """T arrays of float64: the target cost that is searched.
+
+        The paper's and the guided in shares, and what lips add.
+        """
+        alike = self._alike
+        if self.lips is None:
+            return alike
+        return tuple(a if x is None else a + x for a, x in zip(alike, self.lips, strict=True))
+
+    @property
+    def _alike(self) -> tuple[FloatArray, ...]:
+        """The paper's cost and the guided in shares."""
         if self.guided is None or self.share == 0:
             return self.paper
         if self.share == 1:
@@ -169,6 +186,7 @@ def target_graph(
     exclude_sequences: Collection[int | str] = (),
     target: TargetSettings | None = None,
     sound: Sound | npt.NDArray[np.floating] | None = None,
+    lips: RestSettings | None = None,
 ) -> TargetGraph:
     """Candidates of each frame of a track and their target costs.
 
@@ -183,6 +201,8 @@ def target_graph(
         Which target cost; the paper's by default.
     sound : Sound or (steps, 26) float, optional
         What is heard, for a guide that hears.
+    lips : RestSettings, optional
+        How lips are held to rest and closure; not at all by default.
 
     Raises
     ------
@@ -191,6 +211,7 @@ def target_graph(
         guide that the database does not hold, or sound that is not given.
     """
     chosen = target or TargetSettings("paper")
+    lips = lips or OFF
     guide = _guide(source, chosen)
     by_viseme = source.candidates(sequence_indexes(source, exclude_sequences))
     if not any(len(units) for units in by_viseme):
@@ -198,7 +219,7 @@ def target_graph(
     present = np.zeros(N_PHONEMES, dtype=np.bool_)
     for units in by_viseme:
         present[source.phoneme[units]] = True
-    phonemes = track.sample(source.fps)
+    phonemes = wanted_phonemes(track, source.fps, lips)
     used: dict[int, int] = {}
     fallbacks = []
     for p in np.unique(phonemes):
@@ -227,6 +248,7 @@ def target_graph(
         chosen.guided,
         tuple(fallbacks),
         track.end,
+        lip_costs(source.lips, track, source.fps, candidates, lips),
     )
 
 
@@ -272,7 +294,8 @@ def select_units(
     track : PhonemeTrack
         What is said.
     settings : SelectionSettings or Weights, optional
-        Weights, constants of the costs and target cost; weights alone go with the paper's.
+        Weights, constants of the costs, target cost and lips; weights alone go with the paper's
+        cost and nothing else.
     exclude_sequences : collection of int or str
         Sequences, by index or name, whose units may not be used.
     sound : Sound or (steps, 26) float, optional
@@ -294,7 +317,9 @@ def select_units(
         other constants.
     """
     if settings is None or isinstance(settings, Weights):
-        settings = SelectionSettings(settings or Weights(), target=TargetSettings("paper"))
+        settings = SelectionSettings(
+            settings or Weights(), target=TargetSettings("paper"), lips=OFF
+        )
     if not isinstance(source, SelectionInput):
         source = SelectionInput.of(source, settings.costs)
     elif source.costs != settings.costs:
@@ -302,7 +327,7 @@ def select_units(
             "selection: the database was prepared with other constants of the costs; give these "
             "to SelectionInput.of"
         )
-    graph = target_graph(source, track, exclude_sequences, settings.target, sound)
+    graph = target_graph(source, track, exclude_sequences, settings.target, sound, settings.lips)
     return select_path(source, graph, settings.weights, progress, after)
 
 

@@ -1,4 +1,4 @@
-"""How units are selected: weights, constants of the costs, the target cost; and their file.
+"""How units are selected: weights, constants of the costs, target cost, lips; and their file.
 
 ``weights.json`` holds all of it with what it means, and the database that it was trained on: the
 scales of the costs belong to a database, so weights from another one mean something else.
@@ -19,9 +19,12 @@ from database.cost_definition import CostSettings, FeatureWeights
 from database.errors import SelectionError
 from database.reader import UnitDatabase
 from unitsel.costs import Weights
+from unitsel.lip_targets import RestSettings
 
 FORMAT: Final = "unitsel-weights"
-VERSION: Final = 2
+VERSION: Final = 3
+READ: Final = (2, 3)
+"""Versions that are read. Files of version 2 say nothing of lips; the defaults hold there."""
 
 TARGETS: Final = ("paper", "guided", "mixed", "sound")
 """Names of the target costs: the paper's (phonemes around a frame), the distance to a predicted
@@ -93,11 +96,14 @@ class SelectionSettings:
         Constants of the costs: beta1, beta3, p, context and the feature weights k_d.
     target : TargetSettings
         Which target cost.
+    lips : RestSettings
+        How lips are held to rest in silences and to closure in p, b and m.
     """
 
     weights: Weights = field(default_factory=lambda: GUIDED_WEIGHTS)
     costs: CostSettings = field(default_factory=CostSettings)
     target: TargetSettings = field(default_factory=TargetSettings)
+    lips: RestSettings = field(default_factory=RestSettings)
 
     def as_json(self) -> dict[str, Any]:
         """The settings as JSON values; `from_json` reads them."""
@@ -106,6 +112,7 @@ class SelectionSettings:
             "weights": asdict(self.weights),
             "costs": {**costs, "features": asdict(self.costs.features)},
             "target": asdict(self.target),
+            "lips": asdict(self.lips),
         }
 
     @classmethod
@@ -121,7 +128,11 @@ class SelectionSettings:
             "weights": {f.name for f in fields(Weights)},
             "costs": {*_COSTS, "features"},
             "target": {f.name for f in fields(TargetSettings)},
+            "lips": {f.name for f in fields(RestSettings)},
         }
+        if "lips" not in content:
+            # Trained before there were such costs.
+            content = {**content, "lips": asdict(RestSettings())}
         for part, names in parts.items():
             values = content.get(part)
             if not isinstance(values, dict) or set(values) != names:
@@ -138,6 +149,7 @@ class SelectionSettings:
                 Weights(**content["weights"]),
                 CostSettings(**costs, features=FeatureWeights(**features)),
                 TargetSettings(**content["target"]),
+                RestSettings(**content["lips"]),
             )
         except SelectionError as e:
             raise SelectionError(f"{where}: {e}") from e
@@ -170,10 +182,10 @@ class SelectionSettings:
             raise SelectionError(f"{path}: is not a JSON file of weights ({e})") from e
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise SelectionError(f"{path}: is not a file of weights (format {FORMAT!r})")
-        if content.get("version") != VERSION:
+        if content.get("version") not in READ:
             raise SelectionError(
-                f"{path}: has version {content.get('version')!r}, "
-                f"this program reads version {VERSION}; train the weights again"
+                f"{path}: has version {content.get('version')!r}, this program reads versions "
+                f"{READ[0]} to {READ[-1]}; train the weights again"
             )
         settings = cls.from_json(content, str(path))
         trained_on = content.get("database")

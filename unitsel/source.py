@@ -13,9 +13,18 @@ import numpy.typing as npt
 from database.cost_definition import CostSettings, context_weights, skip_costs, visual_features
 from database.errors import SelectionError
 from database.phonemes import N_PHONEMES, N_VISEMES, VISEME_OF
-from database.schema import CostModel, GuideModel, Sequences, TextureModel, Units
+from database.schema import (
+    CostModel,
+    GuideModel,
+    PhoneMarks,
+    Phones,
+    Sequences,
+    TextureModel,
+    Units,
+)
 from database.track import context_frames
 from unitsel.guide import Guide, guide_scale
+from unitsel.lip_targets import Lips
 from unitsel.search import SearchSpace
 from unitsel.target_runs import RunTargets
 
@@ -47,6 +56,14 @@ class UnitSource(Protocol):
     @property
     def costs(self) -> CostModel:
         """M and the scales."""
+
+    @property
+    def phones(self) -> Phones:
+        """The phones of all sequences."""
+
+    @property
+    def marks(self) -> PhoneMarks:
+        """Closures and rests that were found in sound and lips."""
 
     @property
     def guides(self) -> tuple[str, ...]:
@@ -81,6 +98,8 @@ class SelectionInput:
         v, of sum 1.
     names : tuple of str
         Name of each sequence.
+    lips : Lips
+        How open each unit's lips are, and how far from rest.
     costs : CostSettings
         Constants of the costs that all this was prepared with.
     guides : dict of str to Guide
@@ -102,6 +121,7 @@ class SelectionInput:
     target_scale: float
     context_weights: FloatArray
     names: tuple[str, ...]
+    lips: Lips
     costs: CostSettings = field(default_factory=CostSettings)
     guides: Mapping[str, Guide] = field(default_factory=dict)
     guide_scale: float = 1.0
@@ -115,6 +135,7 @@ class SelectionInput:
             ("phonemes", self.phoneme.shape, (n,)),
             ("contexts", self.contexts.shape, (n, width)),
             ("context weights", self.context_weights.shape, (width,)),
+            ("lip openings", self.lips.opening.shape, (n,)),
             ("phoneme distances", self.phoneme_distance.shape, (N_PHONEMES, N_PHONEMES)),
         )
         for name, got, wanted in shapes:
@@ -177,6 +198,7 @@ class SelectionInput:
             target_scale=float(costs.target_scale),
             context_weights=context_weights(n, source.fps, settings.beta1),
             names=tuple(source.sequences.name),
+            lips=Lips.of(source),
             costs=settings,
             guides={
                 kind: Guide(

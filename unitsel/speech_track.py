@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from analysis.align import Aligner
 from analysis.alignment import Alignment
@@ -15,6 +16,9 @@ from database.phonemes import SILENCE
 from database.sound import read_sound
 from database.timing import Timing, read_timing, read_words
 from database.track import Interval, PhonemeTrack
+
+SAME_LENGTH: Final = 0.2
+"""Seconds that a sound and its timings may differ by unmentioned: half a pause."""
 
 
 def align_media(
@@ -87,6 +91,27 @@ def track_of_timing(
                 spoken, _ = with_guesses(lexicon, timing.words.words)
                 track = spread_words(timing.words, spoken)
     return track if sound is None else lengthened(track, sound.duration)
+
+
+def length_note(timing: Timing, audio: str | Path) -> str | None:
+    """What to tell of a sound that is shorter or longer than its timings; None if it fits.
+
+    Raises
+    ------
+    MediaError
+        If the sound cannot be read.
+    """
+    if timing.phones is not None:
+        end = timing.phones.end
+    elif timing.words is not None:
+        end = timing.words.duration
+    else:
+        return None
+    duration = read_sound(audio).duration
+    if abs(duration - end) <= SAME_LENGTH:
+        return None
+    rest = "the rest is silent" if duration < end else "the mouth rests till its end"
+    return f"{audio}: lasts {duration:.2f} s, and the timings end at {end:.2f} s; {rest}"
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -26,7 +26,7 @@ from unitsel.source import SelectionInput
 from unitsel.stream_writing import write_stream
 from unitsel.streaming import UTTERANCES_AHEAD, Spoken, StreamedFrame, stream
 from unitsel.unit_pictures import UnitPictures
-from unitsel.writing import Encoding, Frame, Written, write_video
+from unitsel.writing import Encoding, Frame, Written, refuse_inputs, write_video
 
 Progress = Callable[[str, int, int], None]
 
@@ -107,25 +107,28 @@ class Synthesizer:
         )
 
     def background(
-        self, video: str | Path | None = None, *, progress: Progress | None = None
+        self, *videos: str | Path | None, progress: Progress | None = None
     ) -> Background:
-        """A video of the person, with the head's pose in each frame.
+        """Videos or a photo of the person, with the head's pose in each frame.
 
         Parameters
         ----------
-        video : path, optional
-            A video file of the same person; one that the database was built from is known
-            already, any other is tracked now. By default the database's steadiest clip.
+        *videos : path
+            Videos of the same person, joined in this order, or one photo; a clip of the database
+            or a background that was added to it is known already, and may be given by its name,
+            any other is tracked now. By default, and for None, the database's best background
+            (`unitsel backgrounds`).
         progress : callable, optional
 
         Raises
         ------
         RenderError
-            If there is no video to use.
+            If there is no video to use, or those given cannot be joined.
         MediaError, FaceError
-            If the video cannot be read, or shows no face.
+            If a video cannot be read, or shows no face.
         """
-        return find_background(self.database, video, models=self._models, progress=progress)
+        named = [video for video in videos if video is not None]
+        return find_background(self.database, named or None, models=self._models, progress=progress)
 
     def provenance(self, comment: str | None = None) -> Provenance:
         """What a video made by this synthesizer says of itself."""
@@ -147,7 +150,7 @@ class Synthesizer:
         ----------
         selection : Selection
         background : Background, optional
-            By default the database's steadiest clip.
+            By default the database's best one.
         eyes : Background, optional
             Clip of the person whose eyes (blinks, gaze) are laid on the background.
         fps : float, optional
@@ -241,7 +244,7 @@ class Synthesizer:
         path: str | Path,
         *,
         audio: str | Path | Sound | None = None,
-        background: Background | str | Path | None = None,
+        background: Background | str | Path | Sequence[str | Path] | None = None,
         eyes: Background | str | Path | None = None,
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
@@ -258,8 +261,8 @@ class Synthesizer:
         audio : path or Sound, optional
             Sound of the video. A file's is taken over as it is where the container allows, and
             ends with the selection; else it is encoded, cut or lengthened to that length.
-        background : Background or path, optional
-            By default the database's steadiest clip.
+        background : Background, path or sequence of paths, optional
+            As in `background`. By default the database's best one.
         eyes : Background or path, optional
             Clip of the person whose eyes (blinks, gaze) are laid on the background.
         fps : float, optional
@@ -282,7 +285,9 @@ class Synthesizer:
         encoding = Encoding() if encoding is None else encoding
         encoding.check(Path(path))
         if not isinstance(background, Background):
-            background = self.background(background, progress=progress)
+            background = find_background(
+                self.database, background, models=self._models, progress=progress
+            )
         if eyes is not None and not isinstance(eyes, Background):
             eyes = self.background(eyes, progress=progress)
         rate = snap_rate(background.fps if fps is None else fps)
@@ -295,7 +300,9 @@ class Synthesizer:
             eyes=eyes,
             progress=progress,
         )
-        return write_video(
+        laid = (*background.more, *(() if eyes is None else eyes.parts))
+        refuse_inputs(Path(path), [part.path for part in laid])
+        written = write_video(
             pictures,
             path,
             background=background.path,
@@ -304,6 +311,7 @@ class Synthesizer:
             encoding=encoding,
             provenance=self.provenance(encoding.comment),
         )
+        return replace(written, notes=self._pictures.notes)
 
     def write_stream(
         self,
@@ -311,7 +319,7 @@ class Synthesizer:
         path: str | Path,
         *,
         audio: str | Path | None = None,
-        background: Background | str | Path | None = None,
+        background: Background | str | Path | Sequence[str | Path] | None = None,
         eyes: Background | str | Path | None = None,
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
@@ -350,7 +358,9 @@ class Synthesizer:
         encoding = Encoding() if encoding is None else encoding
         encoding.check(Path(path))
         if not isinstance(background, Background):
-            background = self.background(background, progress=progress)
+            background = find_background(
+                self.database, background, models=self._models, progress=progress
+            )
         if eyes is not None and not isinstance(eyes, Background):
             eyes = self.background(eyes, progress=progress)
         rate = snap_rate(background.fps if fps is None else fps)
@@ -363,7 +373,9 @@ class Synthesizer:
             eyes=eyes,
             exclude_sequences=exclude_sequences,
         )
-        return write_stream(
+        laid = (*background.more, *(() if eyes is None else eyes.parts))
+        refuse_inputs(Path(path), [part.path for part in laid])
+        written = write_stream(
             frames,
             path,
             background=background.path,
@@ -375,3 +387,4 @@ class Synthesizer:
             progress=progress,
             seconds=seconds,
         )
+        return replace(written, notes=self._pictures.notes)

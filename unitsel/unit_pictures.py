@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, nullcontext
 from dataclasses import replace
@@ -34,7 +34,7 @@ from render.compose import composite, cut_from_planes
 from render.eyes import Eyes
 from render.layer_picture import layer_picture
 from render.mouth_painter import DecodedFrame, MouthPainter
-from render.playback import GoingOn, Playback, PlayedFrame
+from render.playback import Playback, PlayedFrame
 from render.scene import MouthLayer, Scene
 from unitsel.ahead import Ahead
 from unitsel.placed import Placed
@@ -48,9 +48,6 @@ READ_AHEAD: Final = 12
 
 CROPS_KEPT: Final = 64_000_000
 """Bytes of the background's own mouths that are kept, since its frames come again."""
-
-BACKGROUNDS_KEPT: Final = 4
-"""Backgrounds of which it is remembered how they go on."""
 
 Size = tuple[int, int]
 
@@ -68,9 +65,10 @@ class UnitPictures:
     def __init__(self, database: UnitDatabase, blend: BlendShape | None = None) -> None:
         self._database = database
         self._blend = blend
+        self.notes: tuple[str, ...] = ()
+        """What a user should know of how the last background was played."""
         # Starting OpenGL takes as long as drawing a second of video, so what is started stays.
         self._scenes: dict[Camera, Scene] = {}
-        self._going_on: deque[tuple[Background, GoingOn]] = deque(maxlen=BACKGROUNDS_KEPT)
         self._lock = threading.Lock()
 
     @cached_property
@@ -159,7 +157,10 @@ class UnitPictures:
         length: int | None,
     ) -> Generator[tuple[DecodedFrame, MouthLayer], None, None]:
         """The mouth of each frame, and what it was drawn from."""
-        with self._played(background, rate, length) as played:
+        with Playback(
+            background, rate, self._database.mask.patch, self._database.camera, length=length
+        ) as played:
+            self.notes = played.notes
             own = (played.width, played.height)
             size = own if size is None else size
             check_size(size, own, background)
@@ -227,21 +228,6 @@ class UnitPictures:
             while len(kept) * crop.nbytes > CROPS_KEPT:
                 kept.popitem(last=False)
         return crop
-
-    def _played(self, background: Background, rate: Fraction, length: int | None) -> Playback:
-        """Start a background; how it goes on is found once, as it takes a tenth of a second."""
-        known = next((g for b, g in self._going_on if b is background), None)
-        played = Playback(
-            background,
-            rate,
-            self._database.mask.patch,
-            self._database.camera,
-            length=length,
-            going_on=known,
-        )
-        if known is None and played.going_on is not None:
-            self._going_on.append((background, played.going_on))
-        return played
 
     def _scene(self, camera: Camera) -> Scene:
         """The scene for a camera, started once."""

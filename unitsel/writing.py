@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
@@ -83,6 +83,11 @@ class Written:
         Length of the video.
     sound_copied : bool
         Whether its sound is the recording's own packets, not encoded again.
+    notes : tuple of str
+        What a user should know of how the background was played.
+    sound_seconds : float, optional
+        Length of its sound, if it has any. Less than `seconds` where a recording that was taken
+        over as it is ends before the pictures do.
     """
 
     path: Path
@@ -91,6 +96,8 @@ class Written:
     fps: float
     seconds: float
     sound_copied: bool = False
+    notes: tuple[str, ...] = ()
+    sound_seconds: float | None = None
 
 
 def is_folder(path: Path) -> bool:
@@ -165,15 +172,26 @@ def write_video(
                 sink.write_planes(picture)
             else:
                 sink.write_rgba(picture)
-    copied = isinstance(sink, VideoWriter) and sink.copies_sound
-    seconds = float(sink.frames / rate)
-    return Written(path, background, sink.frames, float(rate), seconds, copied)
+    written = Written(path, background, sink.frames, float(rate), float(sink.frames / rate))
+    if not isinstance(sink, VideoWriter):
+        return written
+    return replace(written, sound_copied=sink.copies_sound, sound_seconds=sink.sound_seconds)
 
 
 def _refuse_own_input(output: Path, background: Path, audio: SoundInput | None) -> None:
-    """A video that replaced what it was made from could not be made again."""
-    for source in (background, audio if isinstance(audio, str | Path) else None):
-        if source is None or not (output.exists() and Path(source).exists()):
+    refuse_inputs(output, [background, *([audio] if isinstance(audio, str | Path) else [])])
+
+
+def refuse_inputs(output: Path, sources: Iterable[str | Path]) -> None:
+    """Refuse to replace what a video is made from: it could not be made again.
+
+    Raises
+    ------
+    MediaError
+        If the output is one of the sources.
+    """
+    for source in sources:
+        if not (output.exists() and Path(source).exists()):
             continue
         if output.samefile(source):
             raise MediaError(f"{output}: is an input of this video too; name another output")

@@ -6,36 +6,34 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
-from types import ModuleType
-from typing import Any, NoReturn
+from collections.abc import Collection, Sequence
+from typing import Final, NoReturn
 
 import unitsel
 from database.errors import UnitselError
 from unitsel.cli.output import Output
 
-NAMES = (
-    *("build", "merge", "portrait", "say", "dub", "synth", "align", "inspect", "doctor"),
-    *("evaluate", "train"),
-)
-"""The commands, each a module of this name."""
+COMMANDS: Final = {
+    "build": "build a database from a folder of clips, a manifest, or one long video",
+    "merge": "databases of one person into one",
+    "portrait": "make a head of one photo",
+    "say": "make the person of a database say a text",
+    "dub": "make the person of a database say what a recording says",
+    "synth": "make the person of a database say a timing file",
+    "backgrounds": "list, rank, add and remove videos that the mouth is laid on",
+    "align": "align the sound of a media file to its words",
+    "inspect": "counts, visemes covered, sequences, pictures of mouths",
+    "doctor": "examine footage or a database, and say what to record next",
+    "evaluate": "compare selections with held-out recordings",
+    "train": "train the weights on recorded sentences",
+}
+"""Names of the commands, each its module's, and what `unitsel --help` says of them."""
 
 USAGE_ERROR = 2
 """Exit status of bad input."""
 
 DEBUG_ENV = "UNITSEL_DEBUG"
 """Environment variable that asks for tracebacks."""
-
-
-def command_modules(names: Sequence[str] = NAMES) -> tuple[ModuleType, ...]:
-    """Load the modules of some commands."""
-    return tuple(importlib.import_module(f"unitsel.cli.{name}") for name in names)
-
-
-def __getattr__(name: str) -> Any:
-    if name != "COMMANDS":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return command_modules()
 
 
 class UsageError(UnitselError):
@@ -50,10 +48,14 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
-def parser(names: Sequence[str] = NAMES) -> argparse.ArgumentParser:
-    """The command line, with all commands or some of them.
+def parser(loaded: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """The command line, for `main` and for its tests.
 
-    A command that is not asked for is not loaded: a build needs libraries that take seconds.
+    Parameters
+    ----------
+    loaded : collection of str
+        Commands that can be parsed. Of the others there is only the name: each loads what it
+        works with, which takes seconds, and no call of `unitsel` needs two.
     """
     top = Parser(
         prog="unitsel",
@@ -61,7 +63,11 @@ def parser(names: Sequence[str] = NAMES) -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"unitsel {unitsel.__version__}")
     commands = top.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in command_modules(names):
+    for name, what in COMMANDS.items():
+        if name not in loaded:
+            commands.add_parser(name, help=what)
+            continue
+        command = importlib.import_module(f"unitsel.cli.{name}")
         sub = command.add(commands)
         sub.add_argument(
             "--json", action="store_true", help="print one JSON object on standard output"
@@ -75,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     output = Output(json="--json" in given)
     try:
-        options = parser(given[:1] if given[:1] and given[0] in NAMES else NAMES).parse_args(given)
+        command = next((word for word in given if word in COMMANDS), None)
+        options = parser(() if command is None else (command,)).parse_args(given)
         output.json = options.json
         options.run(options, output)
     except UnitselError as error:

@@ -119,7 +119,7 @@ def selection_settings(options: argparse.Namespace, database: UnitDatabase) -> S
     else:
         settings = default_settings(database)
         if options.target not in (None, settings.target.name):
-            return settings_for(options.target)
+            return replace(settings_for(options.target), lips=settings.lips)
     if options.target is not None:
         settings = replace(settings, target=replace(settings.target, name=options.target))
     return settings

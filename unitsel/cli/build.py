@@ -7,6 +7,7 @@ import sys
 
 from analysis.build import BuildReport, BuildSettings, ShardSettings, build_database
 from analysis.calibration import read_camera
+from analysis.consent import read_consent
 from analysis.corpus_lips import SOURCES, LipSettings
 from analysis.estimate import Estimate, size_text
 from analysis.face import FaceSettings
@@ -98,6 +99,12 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         "15 kB at most, else avif:85)",
     )
     parser.add_argument(
+        "--consent",
+        metavar="TEXT|@FILE",
+        help="what the person filmed has agreed to, or a text file that says it; the database "
+        "carries the note, and unitsel inspect shows it",
+    )
+    parser.add_argument(
         "--person",
         default="",
         metavar="NAMES",
@@ -174,6 +181,7 @@ def run(options: argparse.Namespace, output: Output) -> None:
                 estimate_focal=options.estimate_focal,
                 hand=None if options.points is None else read_hand_points(options.points),
                 codec=options.codec,
+                consent="" if options.consent is None else read_consent(options.consent),
                 lips=LipSettings(source=options.lips, marks=options.lip_points),
                 face=FaceSettings(face=options.face),
                 offset=OffsetSettings(correct=options.sound_offset),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from pathlib import Path
 
 from database.errors import SelectionError
 from database.reader import open_database
@@ -17,6 +18,7 @@ from unitsel.cli.arguments import (
 from unitsel.cli.output import Output
 from unitsel.likeness.evaluation import ALL, Evaluation, Scores, evaluate
 from unitsel.likeness.folds import evaluate_folds
+from unitsel.likeness.side_by_side import video_folder, write_side_by_side
 from unitsel.plots import plot_evaluation, plots_folder
 from unitsel.settings import TARGETS
 
@@ -82,6 +84,12 @@ def add(commands: Commands) -> argparse.ArgumentParser:
         help="with --folds: processes (default: the number of cores)",
     )
     parser.add_argument("--plots", metavar="DIR", help="draw the trajectories into this folder")
+    parser.add_argument(
+        "--video",
+        metavar="DIR",
+        help="write a video of each sentence into this folder: the recording on the left, on the "
+        "right the same with the selected mouths, and the recording's sound",
+    )
     add_models(parser)
     return parser
 
@@ -97,6 +105,8 @@ def run(options: argparse.Namespace, output: Output) -> None:
         raise SelectionError("evaluate: --jobs goes with --folds; held-out clips go one by one")
     if options.plots is not None:
         plots_folder(options.plots)
+    if options.video is not None:
+        video_folder(options.video)
     with open_database(options.database) as database:
         settings = selection_settings(options, database)
         if options.folds is None:
@@ -108,6 +118,7 @@ def run(options: argparse.Namespace, output: Output) -> None:
                 limit=options.limit,
                 models=options.models,
                 dictionary=options.dictionary,
+                keep_selections=options.video is not None,
                 progress=output.progress,
             )
         else:
@@ -118,13 +129,26 @@ def run(options: argparse.Namespace, output: Output) -> None:
                 methods=options.methods,
                 limit=options.limit,
                 jobs=options.jobs or max(1, os.cpu_count() or 1),
+                keep_selections=options.video is not None,
                 progress=output.progress,
+            )
+        videos: list[Path] = []
+        unseen: list[tuple[str, str]] = []
+        if options.video is not None:
+            videos, unseen = write_side_by_side(
+                database, found.sentences, options.video, progress=output.progress
             )
     drawn = [] if options.plots is None else plot_evaluation(found, options.plots)
     text = _text(found)
     if drawn:
         text += f"\ndrawn: {len(drawn)} plots in {drawn[0].parent}"
-    output.result(found.as_json(), text)
+    document = found.as_json()
+    if options.video is not None:
+        text += f"\nvideos: {len(videos)} in {options.video}"
+        text += "".join(f"\nno video of {clip}: {reason}" for clip, reason in unseen)
+        document["videos"] = [str(path) for path in videos]
+        document["without_video"] = [{"clip": c, "reason": r} for c, r in unseen]
+    output.result(document, text)
 
 
 def _methods(text: str) -> tuple[str, ...]:

@@ -84,6 +84,8 @@ def _text(found: Inspection) -> str:
     if found.own_settings:
         target = found.own_settings.get("target", {}).get("name")
         lines.append(f"carries settings of its own for the selection (target cost {target})")
+    note = " ".join(found.consent.split()) or "no note of it was given when this was built"
+    lines.append(f"consent: {note}")
     lines.append(
         f"the build skipped {len(found.skipped)} clips and made {len(found.repaired)} repairs"
     )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from database.errors import SelectionError
+from database.errors import RenderError, SelectionError
 from database.heads import is_portrait
 from database.pinyin import TimedSyllable
 from database.reader import UnitDatabase, open_database
@@ -63,7 +63,9 @@ def add_making(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--background",
         metavar="VIDEO",
-        help="video of the person (default: the steadiest clip that the database was built from)",
+        action="append",
+        help="video or photo of the person, or the name of one that `unitsel backgrounds` lists; "
+        "several are joined (default: the first of that list)",
     )
     parser.add_argument(
         "--eyes",
@@ -112,6 +114,8 @@ def check_making(options: argparse.Namespace) -> None:
     if not is_folder(Path(options.output)):
         check_output(options.output, tuple(CONTAINERS))
     _encoding(options).check(Path(options.output))
+    if options.alpha and options.eyes is not None:
+        raise RenderError("--eyes lays eyes on a background, and --alpha writes no background")
     if options.explain is not None:
         check_output(options.explain, (".html", ".htm"))
 
@@ -264,6 +268,7 @@ class _Told:
 def _made(
     options: argparse.Namespace, written: Written, told: _Told, settings: SelectionSettings
 ) -> Made:
+    sounds = None if written.sound_seconds is None else round(written.sound_seconds, 4)
     document: dict[str, Any] = {
         "video": str(written.path),
         "background": str(written.background),
@@ -271,6 +276,7 @@ def _made(
         "fps": written.fps,
         "seconds": round(written.seconds, 4),
         "sound_copied": written.sound_copied,
+        "sound_seconds": sounds,
         "segments": told.segments,
         "cost": told.cost,
         "fallbacks": told.fallbacks,
@@ -281,7 +287,10 @@ def _made(
         f"{written.path}: {written.frames} frames at {written.fps:g} a second, {told.segments} "
         f"segments, over {written.background}"
     )
-    return Made(document, "\n".join([text, *told.fallbacks]), settings.target.name)
+    lines = [text, *told.fallbacks, *written.notes]
+    if written.notes:
+        document["background_notes"] = list(written.notes)
+    return Made(document, "\n".join(lines), settings.target.name)
 
 
 def _encoding(options: argparse.Namespace) -> Encoding:

@@ -8,7 +8,7 @@ from database.timing import read_timing
 from unitsel.cli.arguments import Commands
 from unitsel.cli.making import add_making, check_making, make
 from unitsel.cli.output import Output
-from unitsel.speech_track import track_of_timing
+from unitsel.speech_track import length_note, track_of_timing
 
 
 def add(commands: Commands) -> argparse.ArgumentParser:
@@ -35,4 +35,6 @@ def run(options: argparse.Namespace, output: Output) -> None:
         timing, audio=options.audio, dictionary=options.dictionary, name=options.timing
     )
     made = make(options, output, track, audio=options.audio, words=timing.words)
-    output.result(made.document, made.text)
+    note = None if options.audio is None else length_note(timing, options.audio)
+    notes = [] if note is None else [note]
+    output.result(made.document | {"notes": notes}, "\n".join([made.text, *notes]))

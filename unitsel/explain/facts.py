@@ -68,6 +68,8 @@ class PathFacts:
         Target cost that was searched with, and the paper's, without weight.
     guided : (T,) float64 or None
         Distance to the predicted trajectory, without weight.
+    lips : (T,) float64 or None
+        What lips that do not rest or close add to `target`; None where nothing was asked of lips.
     cheapest : (T,) float64
         Least target cost of any candidate.
     rank, candidates : (T,) int64
@@ -88,6 +90,7 @@ class PathFacts:
     target: FloatArray
     paper: FloatArray
     guided: FloatArray | None
+    lips: FloatArray | None
     cheapest: FloatArray
     rank: IntArray
     candidates: IntArray
@@ -172,7 +175,7 @@ def path_facts(
     places = [_place(graph, t, int(u)) for t, u in enumerate(units)]
     searched = zip(graph.target, selection.costs.target, strict=True)
     standing = [(float(costs.min()), int((costs < own).sum()) + 1) for costs, own in searched]
-    guided = graph.guided
+    guided, lips = graph.guided, graph.lips
     return PathFacts(
         units=units,
         sequence=sequence,
@@ -184,6 +187,12 @@ def path_facts(
         guided=None
         if guided is None
         else np.array([guided[t][i] for t, i in enumerate(places)], dtype=np.float64),
+        lips=None
+        if lips is None
+        else np.array(
+            [0.0 if x is None else x[i] for x, i in zip(lips, places, strict=True)],
+            dtype=np.float64,
+        ),
         cheapest=np.array([least for least, _ in standing], dtype=np.float64),
         rank=np.array([rank for _, rank in standing], dtype=np.int64),
         candidates=np.array([len(c) for c in graph.candidates], dtype=np.int64),

@@ -182,6 +182,8 @@ def _averages(database: UnitDatabase, facts: PathFacts) -> str:
     ]
     if facts.guided is not None:
         rows.append(("TC_avg of the guided cost", number(tc_avg(facts.guided))))
+    if facts.lips is not None:
+        rows.append(("TC_avg: rest and closure of lips", number(tc_avg(facts.lips))))
     rows += [
         ("VC_avg", number(vc_avg(pca, facts.sequence, facts.recorded_frame))),
         ("segments", str(len(facts.segment_starts))),
@@ -196,11 +198,14 @@ def _settings(settings: SelectionSettings) -> str:
     name = target.name
     if 0 < target.guided < 1:
         name += f" ({target.guided:g} guided + {1 - target.guided:g} paper)"
+    lips = settings.lips
+    held = f"rest {lips.rest:g}, closure {lips.closure:g}" if lips.used else "not held"
     features = ", ".join(
         f"{group} {k:.3g}" for group, k in zip(GROUPS, costs.features.normalised, strict=True)
     )
     rows = [
         ("target cost", escape(name)),
+        ("lips", held),
         ("weights", f"target {w.target:g}, concatenation {w.concatenation:g}"),
         ("", f"visual {w.visual:g}, skip {w.skip:g}"),
         ("feature weights k_d", escape(features)),
@@ -277,12 +282,14 @@ def _numbers(database: UnitDatabase, facts: PathFacts, start: int, end: int) -> 
     head = [
         *("frame", "wanted", "clip", "its frame", "recorded", "target", "paper"),
         *(() if guided is None else ("guided",)),
+        *(() if facts.lips is None else ("lips",)),
         *("cheapest", "place", "of", "f", "g"),
         *("weighted target", "weighted f", "weighted g", "sum"),
     ]
     rows = []
     for t in range(start, end):
-        costs = [facts.target[t], facts.paper[t], *([] if guided is None else [guided[t]])]
+        parts = (facts.target, facts.paper, guided, facts.lips)
+        costs = [part[t] for part in parts if part is not None]
         rest = (facts.weighted_target, facts.weighted_visual, facts.weighted_skip, facts.weighted)
         cells = [
             f'<a href="#f{t}">{t}</a>',

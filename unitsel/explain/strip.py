@@ -220,12 +220,16 @@ class Strip:
     def _told(self, t: int) -> str:
         facts = self._facts
         s = int(facts.sequence[t])
-        guided = "" if facts.guided is None else f", guided {number(facts.guided[t])}"
+        parts = f"paper {number(facts.paper[t])}"
+        if facts.guided is not None:
+            parts += f", guided {number(facts.guided[t])}"
+        if facts.lips is not None:
+            parts += f", lips {number(facts.lips[t])}"
         return (
             f"frame {t} ({t / self._fps:.2f} s), wants {PHONEMES[facts.wanted[t]]}\n"
             f"unit {facts.units[t]}: {self._names[s]} frame {facts.recorded_frame[t]}, "
             f"recorded saying {PHONEMES[facts.recorded[t]]} in “{self._said[s]}”\n"
-            f"target {number(facts.target[t])} (paper {number(facts.paper[t])}{guided}), "
+            f"target {number(facts.target[t])} ({parts}), "
             f"place {facts.rank[t]} of {facts.candidates[t]}, "
             f"the cheapest costs {number(facts.cheapest[t])}\n"
             f"f {number(facts.visual[t])}, g {number(facts.skip[t])}\n"

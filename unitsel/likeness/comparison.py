@@ -28,7 +28,7 @@ from database.schema import GuideModel
 from database.track import context_windows, frame_times
 from unitsel.likeness.eye_measures import greatest_join_jump
 from unitsel.likeness.measures import sl_avg, speech_frames, tc_avg, vc_avg
-from unitsel.likeness.recorded import Target, analysed_target, stored_target
+from unitsel.likeness.recorded import Footage, Target, analysed_target, stored_target
 from unitsel.likeness.references import (
     nearest_units,
     predicted_mouths,
@@ -79,6 +79,10 @@ class Sentence:
         Of the recording itself too, as ``"real"``.
     fallbacks : tuple of str
         Visemes that the database lacks.
+    footage : Footage or None
+        Where the recording is.
+    selection : Selection or None
+        What was selected, where it is to be kept.
     """
 
     clip: str
@@ -89,6 +93,8 @@ class Sentence:
     made: dict[str, Trajectories]
     scores: dict[str, Scores]
     fallbacks: tuple[str, ...]
+    footage: Footage | None = None
+    selection: Selection | None = None
 
 
 class Evaluator:
@@ -104,6 +110,8 @@ class Evaluator:
         for it, or `ALL` for all that the database has the guide for.
     models, dictionary : path, optional
         As for a build; only `target` needs them.
+    keep_selections : bool
+        Whether sentences keep what was selected.
 
     Raises
     ------
@@ -119,6 +127,7 @@ class Evaluator:
         methods: Collection[str] = (),
         models: str | Path | None = None,
         dictionary: str | Path | None = None,
+        keep_selections: bool = False,
     ) -> None:
         self.database = database
         self.settings = settings or default_settings(database)
@@ -126,6 +135,7 @@ class Evaluator:
         self.source = SelectionInput.of(database, self.settings.costs)
         self.rulers = Rulers(database)
         self._models, self._dictionary = models, dictionary
+        self._keep_selections = keep_selections
 
     @cached_property
     def footage(self) -> tuple[FaceFinder, Aligner]:
@@ -192,6 +202,8 @@ class Evaluator:
             {m: made[m] for m in METHODS if m in made},
             {m: scores[m] for m in METHODS if m in scores},
             tuple(str(f) for f in selected.fallbacks),
+            target.footage,
+            selected if self._keep_selections else None,
         )
 
     def _selections(
@@ -217,7 +229,12 @@ class Evaluator:
                     graph = graphs[chosen.guide].with_share(chosen.guided)
                 else:
                     graph = graphs[chosen.guide] = target_graph(
-                        self.source, target.track, exclude_sequences, chosen, target.sound
+                        self.source,
+                        target.track,
+                        exclude_sequences,
+                        chosen,
+                        target.sound,
+                        settings.lips,
                     )
                 found[settings] = select_path(self.source, graph, settings.weights)
             selections[method] = found[settings]
@@ -286,7 +303,8 @@ def compared_settings(
     ----------
     database : UnitDatabase
     chosen : SelectionSettings
-        They stand for their own target cost too, and their constants of the costs go for all.
+        They stand for their own target cost too; their constants of the costs, and what they ask
+        of lips, go for all.
     methods : collection of str
         Names of `unitsel.settings.TARGETS`, or `ALL`; each has the weights that are our own for
         it (`unitsel.settings.settings_for`), for one target cost's weights do not suit another.
@@ -307,7 +325,9 @@ def compared_settings(
             f"{ALL}"
         )
     wanted: dict[str, SelectionSettings] = {
-        n: chosen if n == chosen.target.name else replace(settings_for(n), costs=chosen.costs)
+        n: chosen
+        if n == chosen.target.name
+        else replace(settings_for(n), costs=chosen.costs, lips=chosen.lips)
         for n in TARGETS
         if n in names
     }

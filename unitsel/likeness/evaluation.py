@@ -96,6 +96,7 @@ def evaluate(
     limit: int | None = None,
     models: str | Path | None = None,
     dictionary: str | Path | None = None,
+    keep_selections: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Evaluation:
     """Evaluate a database on clips that it does not hold.
@@ -113,6 +114,8 @@ def evaluate(
         Only so many clips.
     models, dictionary : path, optional
         As for a build.
+    keep_selections : bool
+        Whether sentences keep what was selected, to be shown (unitsel/likeness/side_by_side.py).
     progress : callable, optional
 
     Returns
@@ -127,7 +130,14 @@ def evaluate(
         If a target cost needs a guide that the database does not hold.
     """
     clips = find_clips(heldout, limit=limit)
-    evaluator = Evaluator(database, settings, methods=methods, models=models, dictionary=dictionary)
+    evaluator = Evaluator(
+        database,
+        settings,
+        methods=methods,
+        models=models,
+        dictionary=dictionary,
+        keep_selections=keep_selections,
+    )
     _ = evaluator.footage  # Missing models are no fault of the first clip.
     known = set(database.sequences.sha256)
     sentences: list[Sentence] = []

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from database.errors import SelectionError
 from database.mask import INNER_LIPS, OUTER_EYE_CORNERS
-from database.phonemes import CLOSURES, SILENCE
+from database.phonemes import CLOSURES
 from database.track import PhonemeTrack
 from unitsel.likeness.measures import joins
 
@@ -208,7 +208,7 @@ def silence_motion(
     times = (np.asarray(frames) + 0.5) / fps
     deviations: list[FloatArray] = []
     steps: list[FloatArray] = []
-    for start, end in _silences(track):
+    for start, end in track.silences(LONG_SILENCE):
         inside = np.flatnonzero((times >= start - 1e-9) & (times < end - 1e-9))
         if len(inside) >= 2:
             here = values[inside]
@@ -269,19 +269,6 @@ def greatest_join_jump(
 def _steps(pca: npt.NDArray[np.floating]) -> FloatArray:
     steps: FloatArray = np.linalg.norm(np.diff(np.asarray(pca, np.float64), axis=0), axis=1)
     return steps
-
-
-def _silences(track: PhonemeTrack) -> list[tuple[float, float]]:
-    """Start and end of each long silence, neighbours joined."""
-    silent = track.phonemes == SILENCE
-    turns = np.flatnonzero(np.diff(silent)) + 1
-    firsts = np.concatenate([[0], turns])
-    bounds = track.boundaries[np.concatenate([firsts, [len(silent)]])]
-    return [
-        (float(a), float(b))
-        for i, a, b in zip(firsts, bounds[:-1], bounds[1:], strict=True)
-        if silent[i] and b - a >= LONG_SILENCE - 1e-9
-    ]
 
 
 def _fitting(values: npt.NDArray[np.generic], frames: IntArray, fps: float) -> None:

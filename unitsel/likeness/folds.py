@@ -43,6 +43,7 @@ def evaluate_folds(
     methods: Collection[str] = (),
     limit: int | None = None,
     jobs: int = 1,
+    keep_selections: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Evaluation:
     """Evaluate a database on its own sentences, without their recordings.
@@ -60,6 +61,8 @@ def evaluate_folds(
         Only so many sentences, spread evenly over the database.
     jobs : int
         Processes; the result does not depend on it.
+    keep_selections : bool
+        Whether sentences keep what was selected, as in `unitsel.likeness.evaluation.evaluate`.
     progress : callable, optional
 
     Returns
@@ -111,7 +114,9 @@ def evaluate_folds(
     tell("evaluating", 0, len(chosen))
     try:
         outcomes = run(
-            delayed(_evaluated)(path, token, settings, tuple(methods), guides.get(fold, {}), piece)
+            delayed(_evaluated)(
+                path, token, settings, tuple(methods), keep_selections, guides.get(fold, {}), piece
+            )
             for fold, piece in pieces
         )
         for (_, piece), found in zip(pieces, outcomes, strict=True):
@@ -176,10 +181,10 @@ def _pieces(sequences: Sequence[int]) -> list[list[int]]:
 
 @lru_cache(maxsize=1)
 def _evaluator(
-    path: Path, token: str, settings: SelectionSettings, methods: tuple[str, ...]
+    path: Path, token: str, settings: SelectionSettings, methods: tuple[str, ...], keep: bool
 ) -> Evaluator:
     """Prepare a process's evaluator, kept from piece to piece; the token tells the file's state."""
-    return Evaluator(open_database(path), settings, methods=methods)
+    return Evaluator(open_database(path), settings, methods=methods, keep_selections=keep)
 
 
 def _evaluated(
@@ -187,11 +192,12 @@ def _evaluated(
     token: str,
     settings: SelectionSettings,
     methods: tuple[str, ...],
+    keep: bool,
     guides: dict[str, GuideModel],
     sequences: Sequence[int],
 ) -> list[Outcome]:
     """Evaluate some sentences of a fold, each without its own units."""
-    evaluator = _evaluator(path, token, settings, methods).with_guides(guides)
+    evaluator = _evaluator(path, token, settings, methods, keep).with_guides(guides)
     found: list[Outcome] = []
     # One thread, as worker processes have: sums in another order round otherwise.
     with threadpool_limits(1):

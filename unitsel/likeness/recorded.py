@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,35 @@ from analysis.face import FaceFinder
 from analysis.lips import mesh_mouth_height
 from analysis.reference import from_stored
 from analysis.texture import describe_clip
+from database.mask import Poses
 from database.pictures import decode
 from database.reader import UnitDatabase
 from database.track import PhonemeTrack
 from unitsel.likeness.eye_measures import lip_opening
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Footage:
+    """Where a recorded sentence is to be seen.
+
+    Parameters
+    ----------
+    media : Path
+    start : float
+        Seconds in the file at which frames are counted from 0.
+    frames : (n,) int64
+        Numbers of the frames with a face, at the database's rate.
+    poses : Poses
+        Of these.
+    """
+
+    media: Path
+    start: float
+    frames: IntArray
+    poses: Poses
 
 
 @dataclass(frozen=True)
@@ -43,6 +67,7 @@ class Target:
     opening : (n,) float64
         Opening of the raw mesh's lips (`unitsel.likeness.eye_measures.lip_opening`).
     sound : (steps, 26) float, optional
+    footage : Footage, optional
         `database.sound_features.sound_features` of the recording.
     """
 
@@ -55,6 +80,7 @@ class Target:
     mesh: FloatArray
     opening: FloatArray
     sound: npt.NDArray[np.floating] | None = None
+    footage: Footage | None = None
 
 
 def analysed_target(
@@ -103,6 +129,7 @@ def analysed_target(
         mesh_mouth_height(face.landmarks),
         lip_opening(face.landmarks),
         analysed.sound if len(analysed.sound) else None,
+        Footage(clip.media, clip.start, face.numbers.astype(np.int64), face.poses),
     )
 
 
@@ -131,4 +158,10 @@ def stored_target(
         mesh[own],
         opening[own],
         database.sound(sequence),
+        Footage(
+            Path(sequences.media[sequence]),
+            float(database.starts[sequence]),
+            units.frame[own].astype(np.int64),
+            Poses(units.rotation[own], units.translation[own]),
+        ),
     )

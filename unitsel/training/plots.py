@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from unitsel.plots import COLOURS, plots_folder, saved_plot
+from unitsel.plots import COLOURS, new_figure, plots_folder, saved_plot
 from unitsel.training.pareto import non_dominated
 from unitsel.training.result import Motion, Training, Trial
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def _front(training: Training, path: Path) -> Path:
 
     The line joins those of the front that are best in the two alone.
     """
-    figure = Figure(figsize=(15, 5), layout="constrained")
+    figure = new_figure(15, 5)
     axes = figure.subplots(1, 3)
     pairs = (("sl_avg", "tc_avg"), ("vc_avg", "tc_avg"), ("vc_avg", "sl_avg"))
     likeness = np.array([t.measures.likeness for t in training.front])
@@ -98,7 +99,7 @@ def _correlations(training: Training, path: Path) -> Path:
     """Figure 10: likeness to the recordings along the front, by the visual distance."""
     front = sorted(training.front, key=lambda t: t.measures.vc_avg)
     distance = np.array([t.measures.vc_avg for t in front])
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    figure = new_figure(8, 4.5)
     axis = figure.subplots()
     for name, colour in R_COLOURS.items():
         r = np.array([getattr(t.measures, name) for t in front])
@@ -124,7 +125,7 @@ def _correlations(training: Training, path: Path) -> Path:
 
 def _motion(motion: Motion, path: Path) -> Path:
     """Figure 11: a sentence as recorded and as selected."""
-    figure = Figure(figsize=(9, 5), layout="constrained")
+    figure = new_figure(9, 5)
     upper, lower = figure.subplots(2, 1, sharex=True)
     rows = (
         (upper, motion.real_pca, motion.made_pca, "first PCA weight"),

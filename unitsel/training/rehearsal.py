@@ -110,7 +110,7 @@ class Rehearsal:
     database : Path
     sentences : tuple of TrainingSentence
     base : SelectionSettings
-        The target cost, and the constants that TC_avg is counted with.
+        The target cost and the lips, and the constants that TC_avg is counted with.
     """
 
     database: Path
@@ -154,7 +154,15 @@ class Player:
                 del self._prepared[old]
             source = SelectionInput.of(self.database, costs)
             graphs = [
-                _slim(target_graph(source, s.track, target=self.base.target, sound=s.sound))
+                _slim(
+                    target_graph(
+                        source,
+                        s.track,
+                        target=self.base.target,
+                        sound=s.sound,
+                        lips=self.base.lips,
+                    )
+                )
                 for s in self.sentences
             ]
             self._prepared[costs] = source, graphs
@@ -205,7 +213,7 @@ class Player:
 
 def _slim(graph: TargetGraph) -> TargetGraph:
     """The same target cost without what it was mixed from: a third of the memory."""
-    return replace(graph, paper=graph.target, guided=None, predicted=None, share=0.0)
+    return replace(graph, paper=graph.target, guided=None, predicted=None, share=0.0, lips=None)
 
 
 def _priced(graph: TargetGraph, units: IntArray) -> FloatArray:

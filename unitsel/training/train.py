@@ -97,6 +97,7 @@ def train(
         "database": identity(database),
         "unitsel": metadata.version("unitsel"),
         "target": asdict(settings.target),
+        "lips": asdict(base.lips),
         "features": settings.features,
         **asdict(settings.pareto),
         "sentences": found.marks,
