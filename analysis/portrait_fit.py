@@ -55,7 +55,8 @@ _PLACED: Final = frozenset(np.concatenate([OUTER_LIPS, INNER_LIPS, LEFT_EYE, RIG
 
 _HELD: Final = _PLACED | frozenset(FRAME.tolist())
 _NEIGHBOURS: Final = [
-    np.setdiff1d(SKIN_TRIANGLES[np.any(v == SKIN_TRIANGLES, axis=1)], [v]) for v in range(N_MASK)
+    np.setdiff1d(SKIN_TRIANGLES[np.equal(SKIN_TRIANGLES, v).any(axis=1)], [v])
+    for v in range(N_MASK)
 ]
 
 ROUNDS: Final = 60

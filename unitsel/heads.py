@@ -16,30 +16,33 @@ from unitsel.synthesizer import Synthesizer
 
 
 @overload
-def synthesizer_of(
+def synthesizer_of(  # noqa: D418 - every function has a docstring here
     head: UnitDatabase,
     settings: SelectionSettings | Weights | None = None,
     *,
     models: str | Path | None = None,
-) -> Synthesizer: ...
+) -> Synthesizer:
+    """Of a database."""
 
 
 @overload
-def synthesizer_of(
+def synthesizer_of(  # noqa: D418 - every function has a docstring here
     head: PortraitHead,
     settings: DriveSettings | None = None,
     *,
     models: str | Path | None = None,
-) -> PortraitSynthesizer: ...
+) -> PortraitSynthesizer:
+    """Of a portrait."""
 
 
 @overload
-def synthesizer_of(
+def synthesizer_of(  # noqa: D418 - every function has a docstring here
     head: UnitDatabase | PortraitHead,
     settings: None = None,
     *,
     models: str | Path | None = None,
-) -> Synthesizer | PortraitSynthesizer: ...
+) -> Synthesizer | PortraitSynthesizer:
+    """Of either."""
 
 
 def synthesizer_of(

@@ -19,7 +19,7 @@ from unitsel.pieces import pieces
 from unitsel.portrait.synthesizer import PortraitSynthesizer
 from unitsel.writing import Encoding
 
-_FOR_FOOTAGE = ("weights", "target", "explain", "background", "alpha")
+_FOR_FOOTAGE = ("weights", "target", "explain", "background", "eyes", "alpha")
 
 
 def check_portrait_options(options: argparse.Namespace) -> None:
