@@ -27,6 +27,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -81,10 +82,15 @@ def main() -> None:
         if not sentences:
             print("no held-out clips: name a folder by UNITSEL_HELDOUT, or take --own")
             return
-        rng = np.random.default_rng(SEED)
-        others = rng.choice(len(db.sequences), options.backgrounds - 1, replace=False)
-        backgrounds = [synthesizer.background()]
-        backgrounds += [synthesizer.background(db.sequences.media[int(i)]) for i in others]
+        # Played straight on: each frame's pose is then known.
+        longest = max(len(s.selection.units) for s in sentences)
+        others = np.random.default_rng(SEED).permutation(len(db.sequences))
+        found = map(synthesizer.background, [None, *(db.sequences.media[i] for i in others)])
+        long = (b for b in found if len(b) >= longest and b.fps == db.fps)
+        backgrounds = list(islice(long, options.backgrounds))
+        if not backgrounds:
+            print(f"no clip of the database has {longest} frames with a face in a row")
+            return
         _report(db, synthesizer, sentences, backgrounds, options.sheet)
 
 

@@ -45,6 +45,7 @@ from database.media import probe, read_video
 from database.phonemes import CLOSURES
 from database.planes import planes_to_rgb
 from database.reader import UnitDatabase, open_database
+from database.sound import read_sound
 from database.track import PhonemeTrack, frame_times
 from unitsel.likeness.eye_measures import (
     LONG_SILENCE,
@@ -203,7 +204,9 @@ def heldout(database: UnitDatabase, folder: Path, count: int) -> list[Sentence]:
     found = []
     for clip in _spread([c for c in find_clips(folder) if c.name not in known], count):
         try:
-            found.append(Sentence(clip.name, align_clip(clip, aligner).track, (), Path(clip.media)))
+            sound, seconds = read_sound(clip.media), probe(clip.media).duration
+            track = align_clip(clip, sound, seconds, aligner).track
+            found.append(Sentence(clip.name, track, (), Path(clip.media)))
         except UnitselError as error:
             print(f"left out: {error}")
     return found

@@ -8,12 +8,12 @@ from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import h5py
 
 from database.errors import DatabaseError
-from database.storage import open_file, read_field, reading
+from database.storage import DATABASE, FileKind, open_file, read_field, reading
 
 
 class DatabaseFile:
@@ -29,10 +29,12 @@ class DatabaseFile:
         If it is not a database, or not one that this version reads.
     """
 
+    KIND: ClassVar[FileKind] = DATABASE
+
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._handle: h5py.File | None
-        self._handle, self._sizes = open_file(self.path)
+        self._handle, self._sizes = open_file(self.path, self.KIND)
 
     def __enter__(self) -> Self:
         return self

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,13 +16,52 @@ import numpy as np
 
 from database.checks import match_shape
 from database.errors import DatabaseError, UnitselError
+from database.portrait_schema import (
+    PORTRAIT_FIELDS,
+    PORTRAIT_SCHEMA_NAME,
+    PORTRAIT_SCHEMA_VERSION,
+)
 from database.schema import FIELDS, SCHEMA_NAME, SCHEMA_VERSION, Field
 
 HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
 CACHE_BYTES: Final = 1 << 20
 """Cache of chunks a dataset: small, as hardly a chunk is read twice in a row."""
 
-FIELD_OF: Final = {field.path: field for field in FIELDS}
+
+@dataclass(frozen=True)
+class FileKind:
+    """One kind of head in a file.
+
+    Parameters
+    ----------
+    schema : str
+        Its mark, in the attribute of this name.
+    version : int
+        Of the schema.
+    fields : tuple of Field
+        Every dataset.
+    name, maker : str
+        What it is called, and the command that writes it.
+    """
+
+    schema: str
+    version: int
+    fields: tuple[Field, ...]
+    name: str
+    maker: str
+
+
+DATABASE: Final = FileKind(
+    SCHEMA_NAME, SCHEMA_VERSION, FIELDS, "a database of units", "unitsel build"
+)
+PORTRAIT: Final = FileKind(
+    PORTRAIT_SCHEMA_NAME,
+    PORTRAIT_SCHEMA_VERSION,
+    PORTRAIT_FIELDS,
+    "a portrait's head",
+    "unitsel portrait",
+)
+KINDS: Final = (DATABASE, PORTRAIT)
 
 
 @contextlib.contextmanager
@@ -43,29 +83,59 @@ def reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
-    """Open a database file and compare it with the schema.
+def open_file(path: Path, kind: FileKind = DATABASE) -> tuple[h5py.File, dict[str, int]]:
+    """Open a head's file and compare it with its schema.
 
     Returns
     -------
     file : h5py.File
         Open for reading; the caller closes it.
     sizes : dict of str to int
-        The sizes that `FIELDS` names (``N``, ``S``, ...).
+        The sizes that the fields name (``N``, ``S``, ...).
 
     Raises
     ------
     DatabaseError
-        If there is no such file, it is no database, its schema version is another, or its
+        If there is no such file, it is of another kind, its schema version is another, or its
         datasets are not those of the schema.
     """
+    _check_signature(path, kind.maker)
+    with reading(path):
+        file = h5py.File(path, "r", rdcc_nbytes=CACHE_BYTES)
+    try:
+        _check_version(path, file, kind)
+        sizes: dict[str, int] = {}
+        with reading(path):
+            for field in kind.fields:
+                # A group of optional fields is there as a whole or not at all.
+                if not field.optional or field.path.partition("/")[0] in file:
+                    _check_dataset(file, field, sizes)
+    except BaseException:
+        file.close()
+        raise
+    return file, sizes
+
+
+def kind_of(path: Path) -> FileKind:
+    """Which kind of head a file holds; a database where it says nothing.
+
+    Raises
+    ------
+    DatabaseError
+        If there is no such file, or it is no HDF5 file.
+    """
+    _check_signature(path, " or ".join(kind.maker for kind in KINDS))
+    with reading(path), h5py.File(path, "r") as file:
+        named = read_text_attribute(file, "schema") if "schema" in file.attrs else ""
+    return next((kind for kind in KINDS if kind.schema == named), DATABASE)
+
+
+def _check_signature(path: Path, maker: str) -> None:
     try:
         with path.open("rb") as stream:
             start = stream.read(len(HDF5_SIGNATURE))
     except FileNotFoundError:
-        raise DatabaseError(
-            f"{path}: there is no such file; make one with `unitsel build`"
-        ) from None
+        raise DatabaseError(f"{path}: there is no such file; make one with `{maker}`") from None
     except IsADirectoryError:
         raise DatabaseError(f"{path}: is a folder; give the database file in it") from None
     except (OSError, ValueError) as error:
@@ -77,28 +147,15 @@ def open_file(path: Path) -> tuple[h5py.File, dict[str, int]]:
         raise DatabaseError(f"{path}: is empty; build it again")
     if start != HDF5_SIGNATURE:
         raise DatabaseError(
-            f"{path}: is no HDF5 file, so no database; give a file that `unitsel build` wrote"
+            f"{path}: is no HDF5 file, so no database; give a file that `{maker}` wrote"
         )
-    with reading(path):
-        file = h5py.File(path, "r", rdcc_nbytes=CACHE_BYTES)
-    try:
-        _check_version(path, file)
-        sizes: dict[str, int] = {}
-        with reading(path):
-            for field in FIELDS:
-                # A group of optional fields is there as a whole or not at all.
-                if not field.optional or field.path.partition("/")[0] in file:
-                    _check_dataset(file, field, sizes)
-    except BaseException:
-        file.close()
-        raise
-    return file, sizes
 
 
 def read_field(file: h5py.File, path: str) -> Any:
     """Read a whole dataset: a read-only array, or a tuple of str for a field of strings."""
-    values = file[path][()]
-    if FIELD_OF[path].dtype == "string":
+    dataset = file[path]
+    values = dataset[()]
+    if h5py.check_string_dtype(dataset.dtype) is not None:
         return tuple(text.decode() for text in values.tolist())
     values.setflags(write=False)
     return values
@@ -112,26 +169,33 @@ def read_text_attribute(file: h5py.File, name: str) -> str:
     return value.decode()
 
 
-def _check_version(path: Path, file: h5py.File) -> None:
+def _check_version(path: Path, file: h5py.File, kind: FileKind) -> None:
     with reading(path):
         attributes = file.attrs
-        ours = "schema" in attributes and read_text_attribute(file, "schema") == SCHEMA_NAME
-        version = attributes["schema_version"] if ours else None
-        if ours and not isinstance(version, np.integer):
+        named = read_text_attribute(file, "schema") if "schema" in attributes else None
+        version = attributes["schema_version"] if named == kind.schema else None
+        if named == kind.schema and not isinstance(version, np.integer):
             raise ValueError("attribute schema_version is no whole number")
+    other = next((k for k in KINDS if k.schema == named and k is not kind), None)
+    if other is not None:
+        raise DatabaseError(
+            f"{path}: is {other.name}, and this needs {kind.name}; give a file that "
+            f"`{kind.maker}` wrote"
+        )
     if version is None:
         raise DatabaseError(
-            f"{path}: is an HDF5 file of something else; give one that `unitsel build` wrote"
+            f"{path}: is an HDF5 file of something else; give one that `{kind.maker}` wrote"
         )
-    if version > SCHEMA_VERSION:
+    if version > kind.version:
         raise DatabaseError(
             f"{path}: has schema version {version}, newer than this unitsel reads "
-            f"({SCHEMA_VERSION}); install a newer unitsel"
+            f"({kind.version}); install a newer unitsel"
         )
-    if version < SCHEMA_VERSION:
+    if version < kind.version:
+        again = "build it again" if kind is DATABASE else f"make it again with `{kind.maker}`"
         raise DatabaseError(
             f"{path}: has schema version {version}, older than this unitsel reads "
-            f"({SCHEMA_VERSION}); build it again"
+            f"({kind.version}); {again}"
         )
 
 

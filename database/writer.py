@@ -121,7 +121,7 @@ def write_database(
                 _write_attributes(file, content.fps, codec, jobs)
                 for f in FIELDS:
                     if f.path != "pictures/data" and f.path in arrays:
-                        _write_dataset(file, f, arrays[f.path])
+                        write_dataset(file, f, arrays[f.path])
                         sink.check()
             for done in _write_pictures(path, file, spool, lengths):
                 with writing(path):
@@ -148,7 +148,7 @@ def store_selection(path: str | Path, document: dict[str, Any]) -> None:
     path = Path(path)
     open_file(path)[0].close()
     try:
-        text = _as_bytes(SELECTION.path, [_json(SELECTION.path, document)])
+        text = _as_bytes(SELECTION.path, [as_json(SELECTION.path, document)])
     except ValueError as error:
         raise DatabaseError(f"{path}: not written: {error}") from error
     _replace_group(path, "selection", {SELECTION.path: text} if document else {})
@@ -179,7 +179,7 @@ def store_backgrounds(path: str | Path, backgrounds: StoredBackgrounds) -> None:
             sizes: dict[str, int] = {}
             for f in (f for f in FIELDS if f.path.startswith(f"{BACKGROUNDS}/")):
                 own = getattr(backgrounds, f.path.partition("/")[2])
-                arrays[f.path] = _as_stored(f, own)
+                arrays[f.path] = as_stored(f, own)
                 checks.match_shape(f, arrays[f.path].shape, sizes)
     except (ValueError, TypeError, OverflowError) as error:
         raise DatabaseError(f"{path}: not written: {error}") from error
@@ -197,7 +197,7 @@ def _replace_group(path: Path, group: str, arrays: dict[str, Array]) -> None:
                 del file[group]
             for f in FIELDS:
                 if f.path in arrays:
-                    _write_dataset(file, f, arrays[f.path])
+                    write_dataset(file, f, arrays[f.path])
 
 
 @contextlib.contextmanager
@@ -242,19 +242,19 @@ def _prepare(
     values["mask/grid"] = patch.grid
     values["mask/crop_size"] = [patch.crop_width, patch.crop_height]
     values["camera"] = [camera.focal, camera.cx, camera.cy, camera.width, camera.height]
-    values["build/settings"] = [_json("build/settings", content.settings)]
-    values["build/report"] = [_json("build/report", content.report)]
+    values["build/settings"] = [as_json("build/settings", content.settings)]
+    values["build/report"] = [as_json("build/report", content.report)]
     if content.consent:
         checks.check_consent(content.consent)
         values["consent/note"] = [content.consent]
-    values["build/versions"] = [_json("build/versions", library_versions())]
+    values["build/versions"] = [as_json("build/versions", library_versions())]
     sizes: dict[str, int] = {}
     arrays = {}
     for f in FIELDS:
         if f.path not in ("pictures/data", "pictures/length") and (
             not f.optional or f.path in values
         ):
-            arrays[f.path] = _as_stored(f, values[f.path])
+            arrays[f.path] = as_stored(f, values[f.path])
             checks.match_shape(f, arrays[f.path].shape, sizes)
 
     def stored(group: str, kind: type[Any]) -> Any:
@@ -286,14 +286,15 @@ def _prepare(
     return arrays, sizes
 
 
-def _json(name: str, document: dict[str, Any]) -> str:
+def as_json(name: str, document: dict[str, Any]) -> str:
+    """A document as text, or a ValueError that names its field."""
     try:
         return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} cannot be written as JSON: {error}") from error
 
 
-def _as_stored(field: Field, value: Any) -> Array:
+def as_stored(field: Field, value: Any) -> Array:
     """Bring a field's value into the type of the schema, if nothing but precision is lost by it."""
     if field.dtype == "string":
         return _as_bytes(field.path, value)
@@ -378,7 +379,8 @@ def _write_attributes(file: h5py.File, fps: float, codec: str, jobs: int) -> Non
     file.attrs["fps"] = np.float64(fps)
 
 
-def _write_dataset(file: h5py.File, field: Field, array: Array) -> None:
+def write_dataset(file: h5py.File, field: Field, array: Array) -> None:
+    """Write one field, with checksums."""
     row = max(1, array.nbytes // len(array))
     options: dict[str, Any] = {}
     rows = min(len(array), max(1, CHUNK_BYTES // row))

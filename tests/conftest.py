@@ -12,12 +12,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import matplotlib.cbook as cbook
 import numpy as np
 import pytest
 
 from analysis.build import BuildReport, build_database
 from analysis.face import FaceFinder
 from analysis.models import CHECKSUMS, MODELS_ENV, FaceModels, cache_folder, find_models
+from analysis.portrait import make_portrait
 from database.timing import Timing, write_timing
 from unitsel.cli import main
 
@@ -46,6 +48,12 @@ def makedb() -> ModuleType:
 def puppet() -> ModuleType:
     """Give `puppet.py`: a talking person without footage."""
     return _helper("puppet")
+
+
+@pytest.fixture(scope="session")
+def portrait_corpus() -> ModuleType:
+    """Give `portrait_corpus.py`: clips of a portrait of which everything is known."""
+    return _helper("portrait_corpus")
 
 
 @pytest.fixture(scope="session")
@@ -162,6 +170,22 @@ def heldout() -> Path:
 def portrait(puppet: ModuleType) -> np.ndarray:
     """Grace Hopper, (height, width, 3) uint8 RGB: a real face, mouth closed."""
     return puppet.portrait()
+
+
+@pytest.fixture(scope="session")
+def portrait_photo() -> Path:
+    """Give the file of the portrait that matplotlib ships."""
+    return Path(str(cbook.get_sample_data("grace_hopper.jpg", asfileobj=False)))
+
+
+@pytest.fixture(scope="session")
+def portrait_head(
+    portrait_photo: Path, face_models: FaceModels, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Make a head of the portrait; tests read it and leave it as it is."""
+    path = tmp_path_factory.mktemp("head") / "grace.h5"
+    make_portrait(portrait_photo, path)
+    return path
 
 
 @pytest.fixture

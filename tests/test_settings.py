@@ -15,7 +15,7 @@ from database.fingerprint import content_hash, identity
 from database.reader import open_database
 from database.writer import store_selection
 from unitsel.costs import Weights
-from unitsel.lip_targets import LipSettings
+from unitsel.lip_targets import RestSettings
 from unitsel.settings import (
     TARGETS,
     SelectionSettings,
@@ -28,7 +28,7 @@ SETTINGS = SelectionSettings(
     Weights(1.5, 2, 0.25, 0),
     CostSettings(beta1=-0.5, p=7, context=0.12, features=FeatureWeights(1, 2, 0, 0.25)),
     TargetSettings("guided", 0.5),
-    LipSettings(rest=0.5, closure=0, after=0.05, before=0.3, closed=0.2),
+    RestSettings(rest=0.5, closure=0, after=0.05, before=0.3, closed=0.2),
 )
 
 
@@ -84,7 +84,7 @@ def test_a_file_from_before_there_were_costs_of_lips_has_the_usual_ones(tmp_path
     del content["lips"]
     path.write_text(json.dumps(content))
     assert SelectionSettings.read(path) == SelectionSettings()
-    assert SelectionSettings.read(path).lips == LipSettings()
+    assert SelectionSettings.read(path).lips == RestSettings()
 
 
 def test_weights_of_no_database_go_with_any(tmp_path: Path) -> None:

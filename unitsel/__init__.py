@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from analysis.lag import LagSettings
     from analysis.merge import merge_databases
     from analysis.motion import CropSettings, MotionSettings
+    from analysis.portrait import PortraitReport, PortraitSettings, make_portrait
+    from analysis.portrait_adjust import Adjustment, Drag, adjust, read_adjustment
     from analysis.texture import TextureSettings
     from database.cost_definition import CostSettings, FeatureWeights
     from database.errors import (
@@ -62,9 +64,12 @@ if TYPE_CHECKING:
         TrackError,
         UnitselError,
     )
+    from database.heads import open_head
     from database.lexicon import Lexicon, spread_words
     from database.phonemes import PHONEMES, VISEMES
     from database.planes import Colour, Planes, planes_to_rgb
+    from database.portrait_file import PortraitHead
+    from database.portrait_mesh import FaceMotion
     from database.reader import UnitDatabase, open_database
     from database.sound import Sound, read_sound
     from database.timing import (
@@ -83,11 +88,16 @@ if TYPE_CHECKING:
     from unitsel.doctor.page import write_doctor_page
     from unitsel.doctor.report import DoctorReport, doctor_report
     from unitsel.explain import write_explanation
+    from unitsel.heads import synthesizer_of
     from unitsel.inspection import Inspection, inspect_database
     from unitsel.likeness.evaluation import Evaluation, evaluate
     from unitsel.likeness.folds import evaluate_folds
-    from unitsel.lip_targets import LipSettings
+    from unitsel.lip_targets import RestSettings
     from unitsel.placed import Placed
+    from unitsel.portrait.driver import DriveSettings
+    from unitsel.portrait.facts import PortraitFacts, inspect_portrait
+    from unitsel.portrait.performance import Performance
+    from unitsel.portrait.synthesizer import PortraitSynthesizer
     from unitsel.provenance import Provenance
     from unitsel.select import Fallback, Selection
     from unitsel.settings import (
@@ -109,6 +119,7 @@ __version__ = "0.1.0"
 __all__ = [
     "PHONEMES",
     "VISEMES",
+    "Adjustment",
     "AlignSettings",
     "Alignment",
     "AlignmentError",
@@ -123,9 +134,12 @@ __all__ = [
     "CropSettings",
     "DatabaseError",
     "DoctorReport",
+    "Drag",
+    "DriveSettings",
     "Encoding",
     "Evaluation",
     "FaceError",
+    "FaceMotion",
     "FaceSettings",
     "Fallback",
     "FeatureWeights",
@@ -134,19 +148,25 @@ __all__ = [
     "Interval",
     "LagSettings",
     "Lexicon",
-    "LipSettings",
     "MediaError",
     "ModelError",
     "MotionSettings",
     "ParetoSettings",
+    "Performance",
     "PhonemeError",
     "PhonemeTrack",
     "Placed",
     "Planes",
+    "PortraitFacts",
+    "PortraitHead",
+    "PortraitReport",
+    "PortraitSettings",
+    "PortraitSynthesizer",
     "PronunciationError",
     "Provenance",
     "RankedBackground",
     "RenderError",
+    "RestSettings",
     "Selection",
     "SelectionError",
     "SelectionSettings",
@@ -169,6 +189,7 @@ __all__ = [
     "Written",
     "__version__",
     "add_backgrounds",
+    "adjust",
     "align_media",
     "build_database",
     "default_settings",
@@ -176,15 +197,20 @@ __all__ = [
     "evaluate",
     "evaluate_folds",
     "inspect_database",
+    "inspect_portrait",
+    "make_portrait",
     "merge_databases",
     "open_database",
+    "open_head",
     "planes_to_rgb",
     "rank_backgrounds",
+    "read_adjustment",
     "read_sound",
     "read_timing",
     "remove_backgrounds",
     "speak",
     "spread_words",
+    "synthesizer_of",
     "timing_extensions",
     "track_of_timing",
     "train",
@@ -202,14 +228,19 @@ _HOMES: Final = {
     "analysis.lag": "LagSettings",
     "analysis.merge": "merge_databases",
     "analysis.motion": "CropSettings MotionSettings",
+    "analysis.portrait": "PortraitReport PortraitSettings make_portrait",
+    "analysis.portrait_adjust": "Adjustment Drag adjust read_adjustment",
     "analysis.texture": "TextureSettings",
     "database.cost_definition": "CostSettings FeatureWeights",
     "database.errors": "AlignmentError CorpusError DatabaseError FaceError MediaError ModelError "
     "PhonemeError PronunciationError RenderError SelectionError SpeechError TimingError "
     "TrackError UnitselError",
+    "database.heads": "open_head",
     "database.lexicon": "Lexicon spread_words",
     "database.phonemes": "PHONEMES VISEMES",
     "database.planes": "Colour Planes planes_to_rgb",
+    "database.portrait_file": "PortraitHead",
+    "database.portrait_mesh": "FaceMotion",
     "database.reader": "UnitDatabase open_database",
     "database.sound": "Sound read_sound",
     "database.timing": "Timing read_timing timing_extensions write_timing",
@@ -223,11 +254,16 @@ _HOMES: Final = {
     "unitsel.doctor.page": "write_doctor_page",
     "unitsel.doctor.report": "DoctorReport doctor_report",
     "unitsel.explain": "write_explanation",
+    "unitsel.heads": "synthesizer_of",
     "unitsel.inspection": "Inspection inspect_database",
     "unitsel.likeness.evaluation": "Evaluation evaluate",
     "unitsel.likeness.folds": "evaluate_folds",
-    "unitsel.lip_targets": "LipSettings",
+    "unitsel.lip_targets": "RestSettings",
     "unitsel.placed": "Placed",
+    "unitsel.portrait.driver": "DriveSettings",
+    "unitsel.portrait.facts": "PortraitFacts inspect_portrait",
+    "unitsel.portrait.performance": "Performance",
+    "unitsel.portrait.synthesizer": "PortraitSynthesizer",
     "unitsel.provenance": "Provenance",
     "unitsel.select": "Fallback Selection",
     "unitsel.settings": "SelectionSettings TargetSettings default_settings",

@@ -57,7 +57,7 @@ of one frame is no closure."""
 
 
 @dataclass(frozen=True)
-class LipSettings:
+class RestSettings:
     """How lips are held to rest and closure.
 
     Parameters
@@ -102,7 +102,7 @@ class LipSettings:
         return self.rest > 0 or self.closure > 0
 
 
-OFF: Final = LipSettings(rest=0.0, closure=0.0)
+OFF: Final = RestSettings(rest=0.0, closure=0.0)
 """Neither rest nor closure costs anything."""
 
 
@@ -198,7 +198,7 @@ def resting(source: LipSource) -> BoolArray:
     return np.asarray(quiet, dtype=np.bool_)
 
 
-def rest_weights(track: PhonemeTrack, fps: float, settings: LipSettings) -> FloatArray:
+def rest_weights(track: PhonemeTrack, fps: float, settings: RestSettings) -> FloatArray:
     """How much each frame asks for lips at rest, (T,), 0..1."""
     n = frame_count(track.end, fps)
     times = frame_times(n, fps)
@@ -259,7 +259,7 @@ def closure_frames(track: PhonemeTrack, fps: float) -> tuple[npt.NDArray[np.int6
 
 
 def wanted_phonemes(
-    track: PhonemeTrack, fps: float, settings: LipSettings
+    track: PhonemeTrack, fps: float, settings: RestSettings
 ) -> npt.NDArray[np.uint8]:
     """Phoneme that each frame asks for, (T,): as the track is sampled, but no closure is left out.
 
@@ -279,7 +279,7 @@ def lip_costs(
     track: PhonemeTrack,
     fps: float,
     candidates: Sequence[npt.NDArray[np.integer]],
-    settings: LipSettings,
+    settings: RestSettings,
 ) -> tuple[FloatArray | None, ...] | None:
     """What rest and closure add to the target costs of a sentence's candidates.
 
@@ -292,7 +292,7 @@ def lip_costs(
         Frames a second.
     candidates : T arrays of int
         Units to look at; frames may share an array.
-    settings : LipSettings
+    settings : RestSettings
 
     Returns
     -------

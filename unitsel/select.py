@@ -19,7 +19,7 @@ from database.sound import Sound
 from database.track import PhonemeTrack, frame_count
 from unitsel.costs import Weights
 from unitsel.guide import Guide, guided_costs
-from unitsel.lip_targets import OFF, LipSettings, lip_costs, wanted_phonemes
+from unitsel.lip_targets import OFF, RestSettings, lip_costs, wanted_phonemes
 from unitsel.search import SearchResult, search
 from unitsel.search.result import priced
 from unitsel.settings import SelectionSettings, TargetSettings
@@ -186,7 +186,7 @@ def target_graph(
     exclude_sequences: Collection[int | str] = (),
     target: TargetSettings | None = None,
     sound: Sound | npt.NDArray[np.floating] | None = None,
-    lips: LipSettings | None = None,
+    lips: RestSettings | None = None,
 ) -> TargetGraph:
     """Candidates of each frame of a track and their target costs.
 
@@ -201,7 +201,7 @@ def target_graph(
         Which target cost; the paper's by default.
     sound : Sound or (steps, 26) float, optional
         What is heard, for a guide that hears.
-    lips : LipSettings, optional
+    lips : RestSettings, optional
         How lips are held to rest and closure; not at all by default.
 
     Raises

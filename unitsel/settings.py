@@ -19,7 +19,7 @@ from database.cost_definition import CostSettings, FeatureWeights
 from database.errors import SelectionError
 from database.reader import UnitDatabase
 from unitsel.costs import Weights
-from unitsel.lip_targets import LipSettings
+from unitsel.lip_targets import RestSettings
 
 FORMAT: Final = "unitsel-weights"
 VERSION: Final = 3
@@ -96,14 +96,14 @@ class SelectionSettings:
         Constants of the costs: beta1, beta3, p, context and the feature weights k_d.
     target : TargetSettings
         Which target cost.
-    lips : LipSettings
+    lips : RestSettings
         How lips are held to rest in silences and to closure in p, b and m.
     """
 
     weights: Weights = field(default_factory=lambda: GUIDED_WEIGHTS)
     costs: CostSettings = field(default_factory=CostSettings)
     target: TargetSettings = field(default_factory=TargetSettings)
-    lips: LipSettings = field(default_factory=LipSettings)
+    lips: RestSettings = field(default_factory=RestSettings)
 
     def as_json(self) -> dict[str, Any]:
         """The settings as JSON values; `from_json` reads them."""
@@ -128,11 +128,11 @@ class SelectionSettings:
             "weights": {f.name for f in fields(Weights)},
             "costs": {*_COSTS, "features"},
             "target": {f.name for f in fields(TargetSettings)},
-            "lips": {f.name for f in fields(LipSettings)},
+            "lips": {f.name for f in fields(RestSettings)},
         }
         if "lips" not in content:
             # Trained before there were such costs.
-            content = {**content, "lips": asdict(LipSettings())}
+            content = {**content, "lips": asdict(RestSettings())}
         for part, names in parts.items():
             values = content.get(part)
             if not isinstance(values, dict) or set(values) != names:
@@ -149,7 +149,7 @@ class SelectionSettings:
                 Weights(**content["weights"]),
                 CostSettings(**costs, features=FeatureWeights(**features)),
                 TargetSettings(**content["target"]),
-                LipSettings(**content["lips"]),
+                RestSettings(**content["lips"]),
             )
         except SelectionError as e:
             raise SelectionError(f"{where}: {e}") from e

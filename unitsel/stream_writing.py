@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from database.errors import MediaError
+from database.photo import FrameFormat
 from database.sound import resampled
 from database.sound_out import SoundInput, SoundQueue, fitting_rate
 from database.track import frame_count
@@ -31,6 +32,7 @@ def write_stream(
     *,
     background: Path,
     rate: Fraction,
+    form: FrameFormat | None = None,
     audio: str | Path | None = None,
     encoding: Encoding | None = None,
     provenance: Provenance | None = None,
@@ -43,7 +45,7 @@ def write_stream(
     Parameters
     ----------
     frames : generator of StreamedFrame
-    path, background, rate, encoding, provenance
+    path, background, rate, form, encoding, provenance
         As for `unitsel.writing.write_video`.
     audio : path, optional
         Sound of the whole; by default the utterances' own.
@@ -89,6 +91,7 @@ def write_stream(
             path,
             background=background,
             rate=rate,
+            form=form,
             audio=sound,
             encoding=encoding,
             provenance=provenance,

@@ -300,7 +300,8 @@ class Synthesizer:
             eyes=eyes,
             progress=progress,
         )
-        refuse_inputs(Path(path), [part.path for part in background.more])
+        laid = (*background.more, *(() if eyes is None else eyes.parts))
+        refuse_inputs(Path(path), [part.path for part in laid])
         written = write_video(
             pictures,
             path,
@@ -372,7 +373,8 @@ class Synthesizer:
             eyes=eyes,
             exclude_sequences=exclude_sequences,
         )
-        refuse_inputs(Path(path), [part.path for part in background.more])
+        laid = (*background.more, *(() if eyes is None else eyes.parts))
+        refuse_inputs(Path(path), [part.path for part in laid])
         written = write_stream(
             frames,
             path,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from database.errors import MediaError
-from database.photo import frame_format
+from database.photo import FrameFormat, frame_format
 from database.picture_folder import PictureFolder, check_folder
 from database.planes import Planes
 from database.sound_out import SoundInput
@@ -111,6 +111,7 @@ def write_video(
     *,
     background: Path,
     rate: Fraction,
+    form: FrameFormat | None = None,
     audio: SoundInput | None = None,
     encoding: Encoding | None = None,
     provenance: Provenance | None = None,
@@ -130,6 +131,8 @@ def write_video(
         Video whose size and colours they have.
     rate : Fraction
         Frames a second.
+    form : FrameFormat, optional
+        Size and colours of the pictures where they are not a video's.
     audio : path, Sound or SoundQueue, optional
     encoding : Encoding, optional
     provenance : Provenance, optional
@@ -143,7 +146,7 @@ def write_video(
     path = Path(path)
     encoding = Encoding() if encoding is None else encoding
     _refuse_own_input(path, background, audio)
-    form = frame_format(background)
+    form = frame_format(background) if form is None else form
     width, height = encoding.size or (form.width, form.height)
     tags = {} if provenance is None else provenance.tags()
     sink: PictureFolder | VideoWriter

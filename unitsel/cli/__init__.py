@@ -16,6 +16,7 @@ from unitsel.cli.output import Output
 COMMANDS: Final = {
     "build": "build a database from a folder of clips, a manifest, or one long video",
     "merge": "databases of one person into one",
+    "portrait": "make a talking head of one photo",
     "say": "make the person of a database say a text",
     "dub": "make the person of a database say what a recording says",
     "synth": "make the person of a database say a timing file",

@@ -71,10 +71,15 @@ def add_jobs(parser: argparse.ArgumentParser, what: str) -> None:
 
 def add_models(parser: argparse.ArgumentParser) -> None:
     """Add --models and --dictionary, of the commands that look at footage."""
+    add_face_models(parser)
+    add_dictionary(parser)
+
+
+def add_face_models(parser: argparse.ArgumentParser) -> None:
+    """Add --models."""
     parser.add_argument(
         "--models", metavar="DIR", help="folder with the face models (default: fetched once)"
     )
-    add_dictionary(parser)
 
 
 def add_dictionary(parser: argparse.ArgumentParser) -> None:

@@ -45,4 +45,5 @@ def run(options: argparse.Namespace, output: Output) -> None:
         "words": 0 if found.words is None else len(found.words),
         "notes": list(found.notes),
     }
-    output.result(document, "\n".join([f"{made.text}, target {made.target}", *found.notes]))
+    how = "" if made.target is None else f", target {made.target}"
+    output.result(document, "\n".join([made.text + how, *found.notes]))

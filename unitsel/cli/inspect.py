@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 
+from database.heads import is_portrait, open_portrait
 from database.reader import open_database
 from unitsel.cli.arguments import Commands
 from unitsel.cli.output import Output
 from unitsel.inspection import Inspection, inspect_database
 from unitsel.plots import plot_database
+from unitsel.portrait.facts import inspect_portrait
+from unitsel.portrait.plots import plot_portrait
 
 
 def add(commands: Commands) -> argparse.ArgumentParser:
@@ -27,11 +30,29 @@ def add(commands: Commands) -> argparse.ArgumentParser:
 
 def run(options: argparse.Namespace, output: Output) -> None:
     """Inspect, draw and report."""
+    if is_portrait(options.database):
+        _portrait(options, output)
+        return
     with open_database(options.database) as database:
         found = inspect_database(database)
         drawn = [] if options.plots is None else plot_database(database, options.plots)
     document = found.as_json() | {"plots": [str(p) for p in drawn]}
     output.result(document, "\n".join([_text(found), *(f"drawn: {p}" for p in drawn)]))
+
+
+def _portrait(options: argparse.Namespace, output: Output) -> None:
+    with open_portrait(options.database) as head:
+        found = inspect_portrait(head)
+        drawn = [] if options.plots is None else plot_portrait(head, options.plots)
+    lines = [
+        f"{found.path}: a portrait of {found.width} x {found.height} pixels, from {found.photo}",
+        f"eyes {found.eye_distance:.0f} and mouth {found.mouth_width:.0f} pixels wide; a mask of "
+        f"{found.vertices} vertices and {found.triangles} triangles",
+        "teeth of colour {}, {}, {}".format(*found.teeth),
+        *found.notes,
+        *(f"drawn: {p}" for p in drawn),
+    ]
+    output.result(found.as_json() | {"plots": [str(p) for p in drawn]}, "\n".join(lines))
 
 
 def _text(found: Inspection) -> str:

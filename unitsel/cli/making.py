@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from database.errors import SelectionError
+from database.errors import RenderError, SelectionError
+from database.heads import is_portrait
+from database.pinyin import TimedSyllable
 from database.reader import UnitDatabase, open_database
 from database.sound import Sound, read_sound
 from database.timing.words import WordTrack
@@ -25,6 +27,8 @@ from unitsel.cli.arguments import (
     quality,
     selection_settings,
 )
+from unitsel.cli.driving import add_driving, living_background, refuse_driving
+from unitsel.cli.making_portrait import check_portrait_options, make_of_portrait
 from unitsel.cli.output import Output
 from unitsel.explain import explain, write_explanation
 from unitsel.likeness.measures import joins
@@ -45,13 +49,13 @@ class Made:
         What `--json` prints.
     text : str
         The same for people.
-    target : str
-        Name of the target cost.
+    target : str, optional
+        Name of the target cost; a portrait has none.
     """
 
     document: dict[str, Any]
     text: str
-    target: str
+    target: str | None
 
 
 def add_making(parser: argparse.ArgumentParser) -> None:
@@ -102,6 +106,7 @@ def add_making(parser: argparse.ArgumentParser) -> None:
         help="also write a page that shows the chosen units, their costs and joins",
     )
     add_models(parser)
+    add_driving(parser)
 
 
 def check_making(options: argparse.Namespace) -> None:
@@ -109,6 +114,8 @@ def check_making(options: argparse.Namespace) -> None:
     if not is_folder(Path(options.output)):
         check_output(options.output, tuple(CONTAINERS))
     _encoding(options).check(Path(options.output))
+    if options.alpha and options.eyes is not None:
+        raise RenderError("--eyes lays eyes on a background, and --alpha writes no background")
     if options.explain is not None:
         check_output(options.explain, (".html", ".htm"))
 
@@ -121,6 +128,10 @@ def check_database(options: argparse.Namespace) -> None:
     DatabaseError, SelectionError
         Naming the file and what is wrong with it.
     """
+    if is_portrait(options.database):
+        check_portrait_options(options)
+        return
+    refuse_driving(options)
     with open_database(options.database) as database:
         target = selection_settings(options, database).target
         if target.guide is not None and target.guide not in database.guides:
@@ -138,6 +149,7 @@ def make(
     *,
     audio: str | Path | None,
     words: WordTrack | None = None,
+    syllables: Sequence[TimedSyllable] = (),
     hearing: bool = False,
 ) -> Made:
     """Select, render and write.
@@ -152,11 +164,24 @@ def make(
         Sound of the video, which the target cost "sound" hears.
     words : WordTrack, optional
         For the page that explains.
+    syllables : sequence of TimedSyllable
+        Mandarin's, for a portrait.
     hearing : bool
         Whether the sound is to guide the choice where nothing else was asked for and the database
         has a guide for it.
     """
-    with open_database(options.database) as database:
+    if is_portrait(options.database):
+        encoding = _encoding(options)
+        document, text = make_of_portrait(
+            options, output, track, encoding, audio=audio, syllables=syllables
+        )
+        return Made(document, text, None)
+    refuse_driving(options)
+    with (
+        living_background(options, track.end, output) as alive,
+        open_database(options.database) as database,
+    ):
+        background = alive or options.background
         settings = _settings(options, database, hearing)
         synthesizer = Synthesizer(database, settings, models=options.models)
         hears = settings.target.guide == "sound" and audio is not None
@@ -172,7 +197,7 @@ def make(
                 selection,
                 options.output,
                 audio=audio,
-                background=options.background,
+                background=background,
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
@@ -185,7 +210,7 @@ def make(
                 _spoken(parts, sound),
                 options.output,
                 audio=audio,
-                background=options.background,
+                background=background,
                 eyes=options.eyes,
                 fps=options.fps,
                 encoding=_encoding(options),
@@ -193,6 +218,8 @@ def make(
                 progress=output.progress,
                 seconds=track.end,
             )
+    if alive is not None:
+        written = replace(written, background=Path(options.background))
     return _made(options, written, told, settings)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from database.errors import SpeechError
 from unitsel.cli.arguments import Commands, check_output, positive_number
-from unitsel.cli.making import add_making, check_database, check_making, make
+from unitsel.cli.making import Made, add_making, check_database, check_making, make
 from unitsel.cli.output import Output
 from unitsel.speech.spoken import ESPEAK, Speech, speak
 from unitsel.speech.text import checked_text, read_text
@@ -70,11 +70,18 @@ def run(options: argparse.Namespace, output: Output) -> None:
             dictionary=options.dictionary,
         )
         audio = speech.sound if isinstance(speech.sound, Path) else None
-        made = make(options, output, speech.track, audio=audio, words=speech.words)
+        made = make(
+            options,
+            output,
+            speech.track,
+            audio=audio,
+            words=speech.words,
+            syllables=speech.syllables,
+        )
     document = made.document | told(speech)
     if options.audio_out is not None:
         document["audio"] = options.audio_out
-    output.result(document, "\n".join([made.text, *_lines(speech)]))
+    output.result(document, "\n".join([made.text, *_lines(speech, made)]))
 
 
 def told(speech: Speech) -> dict[str, Any]:
@@ -89,9 +96,11 @@ def told(speech: Speech) -> dict[str, Any]:
     }
 
 
-def _lines(speech: Speech) -> list[str]:
+def _lines(speech: Speech, made: Made) -> list[str]:
     lines = list(speech.notes)
-    if speech.approximated:
+    # A portrait has mouths for Mandarin's own syllables.
+    own = made.target is None and bool(speech.syllables)
+    if speech.approximated and not own:
         listed = ", ".join(map(str, speech.approximated))
         lines.append(f"sounds that English lacks are shown by the nearest it has: {listed}")
     return lines

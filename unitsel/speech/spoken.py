@@ -15,15 +15,27 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.align import Aligner
-from analysis.espeak import sample_rate
+from analysis.espeak import find_voice, sample_rate
 from analysis.g2p import speaking_lexicon
 from analysis.utterance import Utterance, say
 from database.errors import PronunciationError, SpeechError, TrackError
+from database.pinyin import TimedSyllable
 from database.sound import SPEECH_RATE, Sound, read_sound, resampled
 from database.timing.words import WordTrack, clean_word
 from database.track import Interval, PhonemeTrack
 from database.voice_symbols import Rendering, render_intervals
 from unitsel.speech.command import run_command
+from unitsel.speech.mandarin import (
+    IN_PINYIN,
+    MISSING,
+    Word,
+    can_read,
+    is_mandarin,
+    spelled,
+    timed_syllables,
+    told,
+    words_of,
+)
 from unitsel.speech.text import checked_text
 
 DEFAULT_VOICE: Final = "en-us"
@@ -54,6 +66,8 @@ class Speech:
         Symbols of the voice that English lacks, each with the phonemes that it is shown as.
     notes : tuple of str
         What else there is to say: pronunciations that were guessed.
+    syllables : tuple of TimedSyllable
+        Mandarin's, of all words that Pinyin has.
     """
 
     sound: Sound | Path
@@ -61,6 +75,7 @@ class Speech:
     words: WordTrack | None
     approximated: tuple[Rendering, ...] = field(default=())
     notes: tuple[str, ...] = field(default=())
+    syllables: tuple[TimedSyllable, ...] = field(default=())
 
     def heard(self) -> Sound:
         """The sound as guides hear it: 16 000 samples a second."""
@@ -161,6 +176,15 @@ def aligned_speech(
 
 def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> Speech:
     samples = sample_rate()
+    identifier = find_voice(voice)
+    chinese: tuple[Word, ...] = ()
+    unread = is_mandarin(identifier) and not can_read()
+    if is_mandarin(identifier) and not unread:
+        # Given as Pinyin, so that what is heard is what the lips show.
+        chinese = words_of(text)
+        text, in_pinyin = spelled(chinese)
+        if in_pinyin:
+            voice = IN_PINYIN + "".join(identifier.partition("+")[1:])
     if wav is None:
         pieces: list[npt.NDArray[np.int16]] = []
         said = _say(text, voice, rate, pieces.append, samples)
@@ -181,6 +205,7 @@ def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> S
                     f"{wav}: cannot be written: {why}; choose another place"
                 ) from error
         sound = wav
+    syllables, written, others = timed_syllables(chinese, said)
     phones, approximated = render_intervals(said.phones)
     length = LEAD + said.duration + TAIL
     spans = [Interval(0.0, LEAD, "sil")]
@@ -189,11 +214,22 @@ def _by_espeak(text: str, voice: str, rate: float | None, wav: Path | None) -> S
     track = PhonemeTrack.from_intervals(_joined(spans), name=voice)
     try:
         words: WordTrack | None = WordTrack.from_intervals(
-            [Interval(w.start + LEAD, w.end + LEAD, w.label) for w in said.words], duration=length
+            [
+                Interval(w.start + LEAD, w.end + LEAD, w.label)
+                for w in (written if chinese else said.words)
+            ],
+            duration=length,
         )
     except TrackError:
         words = None  # Nothing but signs that stand between words.
-    return Speech(sound, track, words, tuple(approximated.values()))
+    return Speech(
+        sound,
+        track,
+        words,
+        tuple(approximated.values()),
+        (MISSING,) if unread else (told(others),) if others else (),
+        tuple(s.later(LEAD) for s in syllables),
+    )
 
 
 def _say(
