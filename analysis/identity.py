@@ -38,7 +38,7 @@ RUN_LATER: Final = frozenset(
         *("corpus_lips.py", "merge.py"),
         *("estimate.py", "guide.py", "interrupts.py", "lag.py", "phone_marks.py"),
         *("phoneme_distance.py", "shard_store.py", "sound_offset.py", "footage.py", "manifest.py"),
-        *("utterance.py", "consent.py"),
+        *("utterance.py", "consent.py", "background_tracking.py", "shut_eyes.py"),
     )
 )
 """Modules of this folder whose code no clip goes through."""

@@ -82,6 +82,7 @@ def _as_json(one: RankedBackground) -> dict[str, Any]:
         "rest": round(one.rest, 4),
         "chin_mm": None if one.chin is None else round(one.chin, 3),
         "light": None if one.light is None else round(one.light, 5),
+        "shut_eyes": None if one.shut is None else round(one.shut, 4),
         "motion_mm_s": round(one.motion, 2),
         "cost": round(one.cost, 4),
     }
@@ -91,17 +92,18 @@ def _table(shown: list[RankedBackground], total: int) -> list[str]:
     wide = max(len(one.name) for one in shown)
     lines = [
         f"{'':<{wide}}  {'seconds':>7} {'rest %':>6} {'chin mm':>7} {'light %':>7} "
-        f"{'motion mm/s':>11} {'cost':>6}"
+        f"{'shut %':>6} {'motion mm/s':>11} {'cost':>6}"
     ]
     for one in shown:
         seconds = "photo" if one.still else f"{one.seconds:.1f}"
         chin = "" if one.chin is None else f"{one.chin:.2f}"
         light = "" if one.light is None else f"{100 * one.light:.2f}"
+        shut = "" if one.shut is None else f"{100 * one.shut:.0f}"
         state = one.state
         kind = ", ".join(word for word in ("added" * one.added, state * (state != "there")) if word)
         lines.append(
             f"{one.name:<{wide}}  {seconds:>7} {100 * one.rest:>6.0f} {chin:>7} {light:>7} "
-            f"{one.motion:>11.1f} {one.cost:>6.2f}  {kind}".rstrip()
+            f"{shut:>6} {one.motion:>11.1f} {one.cost:>6.2f}  {kind}".rstrip()
         )
     if len(shown) < total:
         lines.append(f"and {total - len(shown)} more (--limit)")
