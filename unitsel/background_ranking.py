@@ -1,7 +1,8 @@
 """Which backgrounds suit best: a mouth at rest, steady light, a head that moves as heads do.
 
 What the background's own mouth says must not show around the mouth that is laid over it. So first
-come those whose mouth rests and whose chin keeps still; light, shut eyes and the head's motion count.
+come those whose mouth rests and whose chin keeps still; light, shut eyes and the motion of the head
+count too.
 """
 
 from __future__ import annotations
