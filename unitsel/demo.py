@@ -59,14 +59,17 @@ found none.
 def main() -> int:
     """Run the demo; the exit status."""
     output = Output(json=False)
-    named = os.environ.get(CORPUS_ENV)
+    named = os.environ.get(CORPUS_ENV) or None
     corpus = Path(named) if named else DEFAULT_CORPUS
+    footage = named is not None or corpus.is_dir()
     try:
+        # What is wrong with the footage is told before a photo speaks.
+        count, clips = (_clip_count(), _clips(corpus)) if footage else (0, [])
         portrait_demo(Path("out"), output)
-        if not named and not corpus.is_dir():
+        if not footage:
             print(NO_CORPUS)
             return 0
-        _demo(corpus, _clip_count(), Path("out"), output)
+        _demo(corpus, clips, count, Path("out"), output)
     except (UnitselError, OSError) as error:
         return output.failed(str(error), 2)
     finally:
@@ -83,10 +86,14 @@ def _clip_count() -> int:
     return int(text)
 
 
-def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
+def _clips(corpus: Path) -> list[Clip]:
     clips = find_clips(corpus)
     if len(clips) < 3:
         raise CorpusError(f"{corpus}: holds {len(clips)} clips; the demo needs at least 3")
+    return clips
+
+
+def _demo(corpus: Path, clips: list[Clip], count: int, out: Path, output: Output) -> None:
     left_out = _sentence(clips)
     out.mkdir(exist_ok=True)
     print(f"Building out/demo.h5 from {min(count, len(clips) - 1)} clips of {corpus}.")
