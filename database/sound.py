@@ -127,7 +127,9 @@ def sound_format(path: str | Path) -> tuple[int, str]:
         stream = sound_stream(container)
         if stream is None:
             raise MediaError(f"{path}: holds no sound")
-        return int(stream.rate), stream.layout.name
+        # Files that say only how many channels they have mean the usual ones.
+        usual = {"1 channels": "mono", "2 channels": "stereo"}
+        return int(stream.rate), usual.get(stream.layout.name, stream.layout.name)
 
 
 def iter_sound(source: Source, rate: int, layout: str) -> Iterator[FloatArray]:

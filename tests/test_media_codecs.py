@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import resource
 import signal
+import wave
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pytest
 from database.errors import MediaError
 from database.media import probe, read_sound, read_video
 from database.planes import Planes
-from database.sound import Sound
+from database.sound import Sound, sound_format
 from database.sound_out import SoundQueue
 from database.video_codecs import CONTAINERS
 from database.video_writer import VideoWriter
@@ -154,6 +155,23 @@ def test_sound_that_the_container_does_not_take_is_encoded(tmp_path: Path) -> No
         assert container.streams.audio[0].codec_context.name == "opus"
     loud = np.flatnonzero(np.abs(read_sound(tmp_path / "a.webm", 48000).samples) > 0.3) / 48000
     assert loud[0] == pytest.approx(0.2, abs=0.005)
+
+
+def test_a_wave_file_keeps_its_channel_and_level(tmp_path: Path) -> None:
+    """Such files say only how many channels they have; one is mono, not half of stereo."""
+    rate = 22050
+    tone = 0.5 * np.sin(2 * np.pi * 440 * np.arange(rate) / rate)
+    with wave.open(str(tmp_path / "s.wav"), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(rate)
+        file.writeframes((tone * 32767).astype("<i2").tobytes())
+    with VideoWriter(tmp_path / "a.mp4", 64, 48, 25, tmp_path / "s.wav") as video:
+        for i in range(25):
+            video.write_planes(picture(i))
+    assert sound_format(tmp_path / "a.mp4") == (rate, "mono")
+    back = read_sound(tmp_path / "a.mp4", None).samples[2000:20000]
+    assert np.std(back) == pytest.approx(np.std(tone), rel=0.02)
 
 
 def test_sound_of_a_video_counts_from_its_first_picture(tmp_path: Path) -> None:
