@@ -24,7 +24,7 @@ RUN := env PYTHONSAFEPATH=1
 .PHONY: help setup demo test bench clean force
 
 help:
-	@echo "make demo    set up, build a database from footage and write out/demo.mp4"
+	@echo "make demo    set up; a photo speaks, then a database of footage if there is any: out/"
 	@echo "make test    set up, check style and types, run the tests"
 	@echo "make setup   set up only: packages in $(VENV), face models, OpenGL"
 	@echo "make bench   set up and run benchmarks/"

@@ -36,7 +36,7 @@ and Jones) who smile in one picture and do not in the other."""
 PALEST: Final = 0.85
 """Least channel of the whites in parts of the greatest."""
 
-DIMMEST: Final = 0.85
+DIMMEST: Final = 0.93
 """Least brightness of the whites in parts of the cheeks'."""
 
 INSIDE: Final = 0.8

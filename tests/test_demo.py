@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 from types import ModuleType
 
@@ -15,9 +16,13 @@ from database.timing import read_timing
 from unitsel.demo import CLIPS_ENV, CORPUS_ENV, main
 
 
-def test_without_footage_it_says_how_to_point_it_at_some(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_without_footage_a_photo_speaks_and_it_says_how_to_point_it_at_some(
+    face_models: FaceModels,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    can_speak = importlib.util.find_spec("espeakng_loader") is not None
     here = tmp_path / "a" / "b"
     here.mkdir(parents=True)
     monkeypatch.chdir(here)
@@ -27,7 +32,13 @@ def test_without_footage_it_says_how_to_point_it_at_some(
     assert err == ""
     assert f"{CORPUS_ENV}=/path/to/clips make demo" in out
     assert "hello.txt" in out
-    assert list(here.iterdir()) == []
+    if not can_speak:
+        assert "espeak" in out
+        return
+    for language in ("en", "zh"):
+        video = probe(here / "out" / f"portrait-{language}.mp4")
+        assert video.has_sound and 2 < video.frames / 25 < 10
+        assert (here / "out" / f"portrait-{language}.png").is_file()
 
 
 def test_with_footage_it_writes_a_video_and_a_contact_sheet(
@@ -59,7 +70,8 @@ def test_with_footage_it_writes_a_video_and_a_contact_sheet(
     assert "out/demo.mp4" in out and left_out in out and "r =" in out
     files = {"demo.TextGrid", "demo.h5", "demo.h5.shards", "demo.mp4", "demo.png"}
     if puppet.can_speak():
-        files |= {"demo-say.mp4", "demo-say.png"}
+        files |= {"demo-say.mp4", "demo-say.png", "portrait.h5"}
+        files |= {f"portrait-{s}.{e}" for s in ("en", "zh") for e in ("mp4", "png")}
         said = probe("out/demo-say.mp4")
         assert said.has_sound and said.duration > 2
         sheet = cv2.imread("out/demo-say.png")

@@ -1,8 +1,9 @@
-"""``make demo``: a person says a sentence that the database does not hold.
+"""``make demo``: a photo speaks; a person says a sentence that the database does not hold.
 
-A clip of a corpus is left out, a database is built from others, and the left-out sentence is
-spoken with its own sound and phones, in pictures of the other clips, over another clip's
-background. Where espeak is installed, the person then says a typed sentence with espeak's voice.
+The photo (unitsel/demo_portrait.py) needs nothing but what is installed, the rest footage. A clip
+of a corpus is left out, a database is built from others, and the left-out sentence is spoken with
+its own sound and phones, in pictures of the other clips, over another clip's background. Where
+espeak is installed, the person then says a typed sentence with espeak's voice.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from database.media import probe, read_video
 from database.reader import open_database
 from database.timing import write_timing
 from unitsel.cli.output import Output
+from unitsel.demo_portrait import portrait_demo
 from unitsel.likeness.evaluation import Evaluator, Target
 from unitsel.likeness.measures import joins
 from unitsel.plots import strip
@@ -40,7 +42,8 @@ DEFAULT_CLIPS: Final = 60
 TYPED: Final = "Hello! This is a new sentence. I never said a word of it."
 
 NO_CORPUS: Final = f"""\
-The demo needs footage of one person speaking, and found none.
+From footage of one person speaking the demo does more: real mouths, chosen from recordings. It
+found none.
 
   Point it at a folder of clips, each with its words in a text file beside it
   (hello.mp4 and hello.txt):
@@ -56,13 +59,17 @@ The demo needs footage of one person speaking, and found none.
 def main() -> int:
     """Run the demo; the exit status."""
     output = Output(json=False)
-    named = os.environ.get(CORPUS_ENV)
+    named = os.environ.get(CORPUS_ENV) or None
     corpus = Path(named) if named else DEFAULT_CORPUS
-    if not named and not corpus.is_dir():
-        print(NO_CORPUS)
-        return 0
+    footage = named is not None or corpus.is_dir()
     try:
-        _demo(corpus, _clip_count(), Path("out"), output)
+        # What is wrong with the footage is told before a photo speaks.
+        count, clips = (_clip_count(), _clips(corpus)) if footage else (0, [])
+        portrait_demo(Path("out"), output)
+        if not footage:
+            print(NO_CORPUS)
+            return 0
+        _demo(corpus, clips, count, Path("out"), output)
     except (UnitselError, OSError) as error:
         return output.failed(str(error), 2)
     finally:
@@ -79,10 +86,14 @@ def _clip_count() -> int:
     return int(text)
 
 
-def _demo(corpus: Path, count: int, out: Path, output: Output) -> None:
+def _clips(corpus: Path) -> list[Clip]:
     clips = find_clips(corpus)
     if len(clips) < 3:
         raise CorpusError(f"{corpus}: holds {len(clips)} clips; the demo needs at least 3")
+    return clips
+
+
+def _demo(corpus: Path, clips: list[Clip], count: int, out: Path, output: Output) -> None:
     left_out = _sentence(clips)
     out.mkdir(exist_ok=True)
     print(f"Building out/demo.h5 from {min(count, len(clips) - 1)} clips of {corpus}.")

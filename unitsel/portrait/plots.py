@@ -60,7 +60,7 @@ def plot_portrait(head: PortraitHead, folder: str | Path) -> list[Path]:
         faces.append(scene.picture(mask.shut_eyes()))
     pictures = {
         "mask.png": draw_mask(head),
-        "mouths.png": strip([_face(head, f) for f in faces], 5),
+        "mouths.png": strip([face_of(head, f) for f in faces], 5),
     }
     return [_written(directory / name, picture) for name, picture in pictures.items()]
 
@@ -76,7 +76,7 @@ def draw_mask(head: PortraitHead) -> UInt8Array:
     return picture
 
 
-def _face(head: PortraitHead, picture: UInt8Array) -> UInt8Array:
+def face_of(head: PortraitHead, picture: UInt8Array) -> UInt8Array:
     """The part of a picture around the face, at one size."""
     mask = head.mask
     (x, y), (side, above, below) = mask.origin, np.array(FACE) * mask.unit
