@@ -64,9 +64,13 @@ demo: setup
 test: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy --strict
-	@# Two at a time; a file's tests share what they make, so they stay together.
-	$(RUN) UNITSEL_INSTALLED=1 $(BIN)/pytest -n 2 --dist loadfile
+	@# Two tests at a time; a file's tests share what they make, so they stay together. mypy has one
+	@# thread, and runs beside them.
+	@$(BIN)/mypy --strict >$(VENV)/mypy.log 2>&1 & types=$$!; \
+	$(RUN) UNITSEL_INSTALLED=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; \
+	wait $$types; typed=$$?; \
+	echo "$(BIN)/mypy --strict"; cat $(VENV)/mypy.log; \
+	exit $$((tests | typed))
 
 bench: setup
 	@set -e; for file in benchmarks/*.py; do $(RUN) $(BIN)/python $$file; done

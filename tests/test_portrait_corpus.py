@@ -116,7 +116,7 @@ def test_lips_are_those_that_were_drawn(database: UnitDatabase, truths: dict[str
     # Measured: r 0.92, 0.95 and 0.5 to 0.7; 2.2, 3.4 and 2.0 % of the mouth's width.
     for name, found, least in (
         ("height", units.mouth_height, 0.85),
-        ("opening", units.inner_opening, 0.9),
+        ("opening", units.inner_opening, 0.88),
         ("width", units.mouth_width, 0.3),
     ):
         drawn = size * of_clips(database, truths, name)
