@@ -93,6 +93,7 @@ def kill_builds(
     instants: Sequence[Instant],
     *,
     jobs: int = 2,
+    again: int | None = None,
     guide: GuideSettings | None = None,
     lips: str = LipSettings.source,
     kept: bool = False,
@@ -106,6 +107,9 @@ def kill_builds(
         An empty one for the databases.
     instants : sequence of Instant
     jobs : int
+        Of the builds that are killed.
+    again : int, optional
+        Of all others; the same by default.
     guide : GuideSettings, optional
     lips : str
         One of `analysis.corpus_lips.SOURCES`.
@@ -120,7 +124,8 @@ def kill_builds(
     """
     settings = json.dumps({"guide": asdict(guide or GuideSettings()), "lips": lips})
     whole = folder / "whole.h5"
-    _run(corpus, whole, jobs, settings)
+    again = jobs if again is None else again
+    _run(corpus, whole, again, settings)
     content = content_hash(whole)
     outcomes = []
     for i, instant in enumerate(instants):
@@ -131,7 +136,7 @@ def kill_builds(
             shutil.copytree(folder / "whole.h5.shards", place / "killed.h5.shards")
         pid, killed = _run_and_kill(corpus, database, instant, jobs, settings)
         left = len(_in_shared_memory(pid))
-        second, report = _run(corpus, database, jobs, settings)
+        second, report = _run(corpus, database, again, settings)
         after = len(_in_shared_memory(pid)) + len(_in_shared_memory(second))
         litter = sorted({p.name for p in place.iterdir()} - {"killed.h5", "killed.h5.shards"})
         litter += [p.name for p in place.rglob("*.partial")]

@@ -89,6 +89,17 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[P
     return made
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let a second process do what needs no puppet while the first one builds it."""
+    puppets = {
+        item.path
+        for item in items
+        if isinstance(item, pytest.Function) and "puppet_corpus" in item.fixturenames
+    }
+    first = min(puppets, default=None)
+    items.sort(key=lambda item: -1 if item.path == first else int(item.path in puppets))
+
+
 @pytest.fixture(scope="session")
 def puppet_corpus(puppet: ModuleType, once: Callable[..., Any]) -> Path:
     """Make a corpus of the puppet; tests read it and leave it as it is."""

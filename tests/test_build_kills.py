@@ -52,7 +52,7 @@ def test_killed_builds_give_the_same_database(
     ]
     guide = GuideSettings(fewest_clips=4, hidden=8, members=1, epochs=1, steps=10, held_back=2)
     content, outcomes = kills.kill_builds(
-        corpus, tmp_path, instants, jobs=2, guide=guide, lips="mesh-only", kept=True
+        corpus, tmp_path, instants, jobs=2, again=1, guide=guide, lips="mesh-only", kept=True
     )
     assert [o.content for o in outcomes] == [content] * 3
     assert outcomes[0].killed and outcomes[1].killed

@@ -112,7 +112,7 @@ def test_an_interrupted_build_leaves_whole_clips_and_no_noise(
     """As a terminal does it: every process of the build is interrupted at once."""
     command = [
         *(sys.executable, "-m", "unitsel", "build", str(puppet_corpus)),
-        *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json", *QUICK),
+        *("-o", str(tmp_path / "me.h5"), "--jobs", "2", "--json", "--limit", "3", *QUICK),
     ]
     build = subprocess.Popen(
         command,
