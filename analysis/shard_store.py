@@ -227,7 +227,8 @@ class ShardStore:
         self.tidy()
 
     def tidy(self) -> None:
-        """Delete folders in which no analysed clip is kept."""
+        """Delete what interrupted workers left half-written, and folders that keep no clip."""
+        clear_partials(self._here, ".*.partial")
         for folder in self._folders():
             if not any(folder.glob(f"*{SHARD}")):
                 shutil.rmtree(folder, ignore_errors=True)
