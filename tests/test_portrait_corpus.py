@@ -47,7 +47,7 @@ def made(
 ) -> tuple[Path, dict[str, Any]]:
     pytest.importorskip("espeakng_loader", reason="needs the optional extra `espeak`")
     folder = tmp_path_factory.mktemp("grace")
-    return folder, portrait_corpus.make_corpus(folder)
+    return folder, portrait_corpus.make_corpus_apart(folder)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def test_selected_mouths_are_like_those_that_were_drawn(
         assert (database.units.sequence[chosen] != s).all()
         likeness.append(np.corrcoef(opening[chosen], truth.opening[: len(chosen)])[0, 1])
     # Measured: 0.85 to 0.92, of three other sentences.
-    assert min(likeness) > 0.5 and np.mean(likeness) > 0.65
+    assert min(likeness) > 0.65 and np.mean(likeness) > 0.75
 
 
 def test_a_rendered_sentence_opens_and_shuts_as_it_should(
@@ -168,8 +168,7 @@ def test_a_rendered_sentence_opens_and_shuts_as_it_should(
     meshes = [finder.find(f.rgb) for f in read_video(written.path)]
     assert len(meshes) == len(truths[name].opening) and all(m is not None for m in meshes)
     height = mesh_mouth_height(np.stack([m.points[:, :2] for m in meshes if m is not None]))
-    # espeak does not say a sentence twice alike, so the corpus is another one in every run.
-    assert np.corrcoef(height, truths[name].height)[0, 1] > 0.35
+    assert np.corrcoef(height, truths[name].height)[0, 1] > 0.6
 
 
 def test_a_photo_can_live_behind_a_mouth(

@@ -198,7 +198,7 @@ class Synthesizer:
         tracks : iterable of PhonemeTrack, or of (PhonemeTrack, Sound)
             One an utterance; the next may be waited for. Iterated in a thread of its own.
         background : Background, optional
-            By default the database's steadiest clip.
+            By default the database's best one.
         eyes : Background, optional
             As in `render`.
         fps : float, optional
@@ -284,12 +284,7 @@ class Synthesizer:
         """
         encoding = Encoding() if encoding is None else encoding
         encoding.check(Path(path))
-        if not isinstance(background, Background):
-            background = find_background(
-                self.database, background, models=self._models, progress=progress
-            )
-        if eyes is not None and not isinstance(eyes, Background):
-            eyes = self.background(eyes, progress=progress)
+        background, eyes = self._laid_on(Path(path), background, eyes, progress)
         rate = snap_rate(background.fps if fps is None else fps)
         pictures = self._pictures.draw(
             selection,
@@ -300,8 +295,6 @@ class Synthesizer:
             eyes=eyes,
             progress=progress,
         )
-        laid = (*background.more, *(() if eyes is None else eyes.parts))
-        refuse_inputs(Path(path), [part.path for part in laid])
         written = write_video(
             pictures,
             path,
@@ -357,12 +350,7 @@ class Synthesizer:
         """
         encoding = Encoding() if encoding is None else encoding
         encoding.check(Path(path))
-        if not isinstance(background, Background):
-            background = find_background(
-                self.database, background, models=self._models, progress=progress
-            )
-        if eyes is not None and not isinstance(eyes, Background):
-            eyes = self.background(eyes, progress=progress)
+        background, eyes = self._laid_on(Path(path), background, eyes, progress)
         rate = snap_rate(background.fps if fps is None else fps)
         frames = self.stream(
             tracks,
@@ -373,8 +361,6 @@ class Synthesizer:
             eyes=eyes,
             exclude_sequences=exclude_sequences,
         )
-        laid = (*background.more, *(() if eyes is None else eyes.parts))
-        refuse_inputs(Path(path), [part.path for part in laid])
         written = write_stream(
             frames,
             path,
@@ -388,3 +374,21 @@ class Synthesizer:
             seconds=seconds,
         )
         return replace(written, notes=self._pictures.notes)
+
+    def _laid_on(
+        self,
+        path: Path,
+        background: Background | str | Path | Sequence[str | Path] | None,
+        eyes: Background | str | Path | None,
+        progress: Progress | None,
+    ) -> tuple[Background, Background | None]:
+        """What a video is laid on, opened; none of it may be the output."""
+        if not isinstance(background, Background):
+            background = find_background(
+                self.database, background, models=self._models, progress=progress
+            )
+        if eyes is not None and not isinstance(eyes, Background):
+            eyes = self.background(eyes, progress=progress)
+        laid = (*background.more, *(() if eyes is None else eyes.parts))
+        refuse_inputs(path, [part.path for part in laid])
+        return background, eyes

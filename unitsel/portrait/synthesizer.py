@@ -223,7 +223,7 @@ class PortraitSynthesizer:
         background: str | Path | None = None,
         fps: float | Fraction | None = None,
         encoding: Encoding | None = None,
-        selected: Callable[[Performance], None] | None = None,
+        begun: Callable[[Placed[Performance]], None] | None = None,
         progress: Progress | None = None,
         seconds: float | None = None,
         syllables: Sequence[TimedSyllable] = (),
@@ -249,7 +249,7 @@ class PortraitSynthesizer:
             audio=audio,
             encoding=encoding,
             provenance=self.provenance(encoding.comment),
-            begun=None if selected is None else (lambda u: selected(u.selection)),
+            begun=begun,
             progress=progress,
             seconds=seconds,
         )
